@@ -24,6 +24,11 @@ LINE = "#C9CED6"
 PAPER_COLOUR = "#FFFFFF"
 PANEL = "#F4F6F8"
 WARNING = "#8A4B00"
+ON_DARK: dict[str, str] = {  # the same colours on a dark screen
+    **dict(zip(SENSOR_COLOURS, ("#56B4E9", "#FF9A52", "#D98BB0", "#7FD1C3"), strict=True)),
+    PRESSURE_COLOUR: "#3CCBA0", ELONGATION_COLOUR: "#E6A3C7", INK: "#E9EDF1", SOFT: "#A3AEB9", LINE: "#38414B",
+    PAPER_COLOUR: "#1C2127", PANEL: "#14181D", WARNING: "#F0B45A",
+}  # fmt: skip
 BAND_ALPHA = 0.22
 CYCLES = "viridis"
 
@@ -38,6 +43,7 @@ MARGIN_INCH = 0.75
 RC: Any = {  # matplotlib types the keys of rc_context one by one
     "font.family": FONT,
     "font.size": 8.5,
+    "text.color": INK,
     "axes.titlesize": 9,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",

@@ -62,6 +62,14 @@ SENSOR_FIGURES = _by_key(
     FigureDefinition("slope_at_rest_mv_per_mm", "Slope at rest", "mV/mm", 1, "dy/dx at x = 0"),
     FigureDefinition("least_squares_slope_mv_per_mm", "Slope, least squares", "mV/mm", 1, _ISA),
 )
+KEY_FIGURES = (  # those that a reader looks for first, in window and report
+    "sensitivity_mv_per_mm",
+    "system_hysteresis_percent_fso",
+    "sensor_hysteresis_percent_fso",
+    "repeatability_percent_fso",
+    "drift_percent_fso_per_100_cycles",
+    "snr_db",
+)
 SYSTEM_FIGURES = _by_key(
     FigureDefinition("system_sensitivity_mv_per_mm", "Sensitivity, system", "mV/mm", 1, "mean over the sensors"),
     FigureDefinition("actuator_hysteresis_percent", "Hysteresis, actuator", "% of span", 2, _ISA),

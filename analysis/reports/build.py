@@ -73,12 +73,12 @@ def build_report(
     analysis = analyses[0]
     filled = [sections.key_figures(analysis, limits)]
     filled += [breaks(analysis)] if analysis.breaks else []
-    if any(s.calibration for s in analysis.sensors):
-        filled += [sections.curves(analysis), sections.coefficients(analysis)]
-    filled += [camera_section(analysis, analysis.camera)] if analysis.camera is not None else []
-    filled += [sections.loops(analysis)] if analysis.loops.n_cycles else []
+    filled += [sections.hysteresis(analysis, limits)] if analysis.loops.n_cycles else []
     filled += [sections.over_cycles(analysis)] if analysis.loops.n_cycles > 1 else []
+    filled += [sections.other_figures(analysis, limits)]
+    filled += [sections.coefficients(analysis)] if any(s.calibration for s in analysis.sensors) else []
     filled += sections.budget(analysis.budgets, analysis=analysis)
+    filled += [camera_section(analysis, analysis.camera)] if analysis.camera is not None else []
     filled += sections.influence_quantities(analysis)
     filled += [shadow_section(shadow)] if shadow is not None else []
     filled.append(sections.run(analysis))
@@ -97,11 +97,10 @@ def _several(compared: RunComparison, limits: Mapping[str, float]) -> Report:
         filled += spread_of_runs(unit) + history_of_unit(unit)
         filled += sections.budget(unit.budgets, unit.unit or "the unit")
     for number, analysis in enumerate(analyses, 1):
-        parts = sections.key_figures(analysis, limits).parts
-        if analysis.kind != "calibration" and analysis.loops.n_cycles:
-            parts = (*parts, *sections.loop_drawings(analysis))
-        where = (sections.branch_differences(analysis),) if analysis.loops.n_cycles else ()
-        filled.append(Section(f"Run {number}: {_name(analysis)}", (*parts, *where)))
+        parts = sections.key_figures(analysis, limits).parts + sections.other_figures(analysis, limits).parts
+        if analysis.loops.n_cycles:
+            parts += sections.hysteresis(analysis, limits).parts
+        filled.append(Section(f"Run {number}: {_name(analysis)}", parts))
     if limits:
         verdict = "; ".join(f"run {i}: {_verdict(a, limits)}" for i, a in enumerate(analyses, 1))
     else:
@@ -118,7 +117,8 @@ def _several(compared: RunComparison, limits: Mapping[str, float]) -> Report:
 
 def _verdict(analysis: Analysis, limits: Mapping[str, float]) -> str:
     cycles = analysis.cycles.as_json()
-    counted = f"{cycles['complete']} complete cycles, {cycles['partial']} partial"
+    complete = cycles["complete"]
+    counted = f"{complete} complete cycle{'s' if complete != 1 else ''}, {cycles['partial']} partial"
     if not limits:
         usable = [s.calibration for s in analysis.sensors if s.calibration is not None]
         if not usable:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -24,12 +24,13 @@ DIGIT_SPACE, POINT_SPACE = "\u2007", "\u2008"  # as wide as a digit, as a point
 
 @dataclass(frozen=True, slots=True)
 class ReportTable:
-    """A table; columns of numbers after the first are right-aligned where `numeric`."""
+    """A table; columns of numbers after the first are right-aligned where `numeric`; in two columns where `halved`."""
 
     header: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     caption: str = ""
     numeric: bool = True
+    halved: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +94,7 @@ def aligned(table: ReportTable) -> ReportTable:
     columns = [list(column) for column in zip(*table.rows, strict=True)] if table.rows else []
     for column, right in zip(columns, right_aligned(table), strict=bool(columns)):
         column[:] = _aligned_column(column) if right else map(typeset, column)
-    return ReportTable(table.header, tuple(zip(*columns, strict=True)), table.caption, table.numeric)
+    return replace(table, rows=tuple(zip(*columns, strict=True)))
 
 
 def _aligned_column(column: list[str]) -> list[str]:

@@ -21,14 +21,11 @@ from analysis import figure_style as style
 from analysis.calibration.curve_choice import curve_name
 from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.pipeline import Analysis
-from analysis.figures.uncertainty import Budget
-from analysis.numbers import percent
 from analysis.reports.document import ReportDrawing
 from analysis.reports.text_metrics import families, printable
 from protocol.base.arrays import FloatArray
 
 DRAWN_POINTS = 201
-BARS_SHARE = 0.76  # of the height of a group of bars
 TRACE_POINTS = 3000
 
 
@@ -82,31 +79,17 @@ def residuals(analysis: Analysis, sensor: int, ax: Axes) -> None:
     ax.set(xlabel="elongation, mm", ylabel="residual, mV")
 
 
-def system_loop(analysis: Analysis, sensor: int, ax: Axes) -> None:
-    """Draw all loops of signal against pressure, coloured by cycle."""
-    loops = analysis.loops
-    colours = mpl.colormaps[style.CYCLES](np.linspace(0.05, 0.92, max(loops.n_cycles, 2)))
-    for k in range(loops.n_cycles):
-        for b in (0, 1):
-            known = np.isfinite(loops.signal_mv[sensor, b, k])
-            ax.plot(loops.pressure_kpa[b, k, known], loops.signal_mv[sensor, b, k, known], color=colours[k], lw=0.6)
-    if loops.n_cycles:
-        scale = mpl.cm.ScalarMappable(mpl.colors.Normalize(loops.numbers[0], loops.numbers[-1]), style.CYCLES)
-        if loops.n_cycles > 1:
-            bar = ax.figure.colorbar(scale, ax=ax, pad=0.03, aspect=30)
-            bar.ax.set_title("cycle", fontsize=7.5, fontweight="normal", color=style.SOFT)
-            bar.ax.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=6))
-    ax.set(xlabel="pressure, kPa", ylabel="signal, mV", title=f"Sensor {sensor + 1}, every cycle")
-
-
-def loop_difference(analysis: Analysis, ax: Axes) -> None:
-    """Loading minus unloading of the mean loops over pressure, % FSO, all sensors."""
+def loop_difference(analysis: Analysis, limit_percent: float | None, ax: Axes) -> None:
+    """Loading minus unloading of the mean loops over pressure, % FSO, all sensors, with the limit of hysteresis."""
     for i, sensor in enumerate(analysis.sensors):
         width, fso = sensor.system_loop, sensor.figures["fso_mv"].value
         if not width.void and fso > 0:
             apart = 100.0 / fso * (width.loading - width.unloading)
             ax.plot(width.grid, apart, color=style.sensor_colour(i), label=f"sensor {i + 1}")
     ax.axhline(0.0, color=style.SOFT, linewidth=0.7)
+    if limit_percent is not None:
+        for side, named in ((-1.0, f"limit, {limit_percent:g} % FSO"), (1.0, None)):
+            ax.axhline(side * limit_percent, color=style.WARNING, linewidth=0.9, linestyle="--", label=named)
     ax.set(xlabel="pressure, kPa", ylabel="loading − unloading, % FSO", title="Hysteresis of the mean loop")
     legend(ax)
 
@@ -198,28 +181,6 @@ def uncertainty_over_x(u_elongation: Sequence[FloatArray], ax: Axes) -> None:
         ax.plot(u[:, 0], 1000.0 * u[:, 1], color=style.sensor_colour(i), label=f"sensor {i + 1}")
     ax.set_ylim(bottom=0.0)
     ax.set(xlabel="elongation, mm", ylabel="U, µm", title="Expanded uncertainty, k = 2")
-    legend(ax)
-
-
-def budget_bars(budgets: Sequence[Budget], names: Sequence[str], title: str, ax: Axes) -> None:
-    """Components of the budgets as bars of standard uncertainty, a colour a sensor, with shares of the variance."""
-    thick, longest = BARS_SHARE / len(budgets), 0.0
-    look: Any = {"textcoords": "offset points", "va": "center", "fontsize": 7.5, "color": style.SOFT}
-    for i, budget in enumerate(budgets):
-        shares = budget.shares()
-        lengths = {c.name: 1000 * c.contribution for c in budget.components if c.assessed}
-        at = np.arange(len(names)) + (i - 0.5 * (len(budgets) - 1)) * thick
-        drawn = [lengths.get(name, 0.0) for name in names]
-        ax.barh(at, drawn, color=style.sensor_colour(i), height=0.9 * thick, label=f"sensor {i + 1}")
-        for y, name, length in zip(at, names, drawn, strict=True):
-            if length > 0:
-                ax.annotate(percent(shares[name], 1), (length, y), xytext=(4, 0), **look)
-        longest = max(longest, *drawn)
-    ax.set_yticks(range(len(names)), names)
-    ax.invert_yaxis()
-    ax.grid(visible=False, axis="y")
-    ax.set_xlim(0, 1.15 * longest or 1.0)
-    ax.set(xlabel="standard uncertainty, µm", title=title)
     legend(ax)
 
 
@@ -325,8 +286,11 @@ def _boxes(drawing: ReportDrawing, x: float, y: float, width: float) -> list[tup
     ]
 
 
-def as_svg(drawing: ReportDrawing, width: float, *, text: bool = False) -> str:
-    """Return the SVG element alone; `text` keeps text as text, for a page whose fonts are known, else outlines."""
+def as_svg(drawing: ReportDrawing, width: float, *, text: bool = False) -> tuple[str, str]:
+    """Return the SVG element alone, and its title and axes in words.
+
+    `text` keeps text as text, for a page whose fonts are known; otherwise it becomes outlines.
+    """
     with mpl.rc_context({**style.RC, "svg.fonttype": "none" if text else "path"}):
         canvas = Canvas(figsize=(width, drawing.height))
         FigureCanvasSVG(canvas)
@@ -334,4 +298,12 @@ def as_svg(drawing: ReportDrawing, width: float, *, text: bool = False) -> str:
         written = io.StringIO()
         canvas.savefig(written, format="svg", metadata={"Date": None, "Creator": None})
     svg = written.getvalue()
-    return svg[svg.index("<svg") :]
+    return svg[svg.index("<svg") :], _described(canvas)
+
+
+def _described(canvas: Canvas) -> str:
+    """Title and axes of each drawing, as in `Sensor 1: signal, mV over elongation, mm`."""
+    shown = [ax for ax in canvas.axes if ax.get_ylabel()]
+    below = shown[-1].get_xlabel() if shown else ""
+    named = ((ax.get_title(loc="left") or ax.get_title(), ax.get_ylabel(), ax.get_xlabel() or below) for ax in shown)
+    return "; ".join(f"{title + ': ' if title else ''}{y} over {x}" for title, y, x in named)

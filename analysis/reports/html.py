@@ -45,6 +45,14 @@ def render_html(report: Report, progress: Progress | None = None) -> str:
     return template.render(report=report, verdict=typeset(report.verdict), sections=sections, style=style)
 
 
+def _panel(svg: str, described: str) -> Markup:
+    """Return the drawing as an image with an alternative text, its colours as those of the page's theme."""
+    for number, colour in enumerate(style.ON_DARK):
+        svg = svg.replace(colour.lower(), f"var(--c{number})")
+    label = Markup(' role="img" aria-label="{}"').format(typeset(described))
+    return Markup(svg[:4]) + label + Markup(svg[4:])  # noqa: S704 - matplotlib's own SVG
+
+
 def _part(part: SectionPart) -> dict[str, Any]:
     if isinstance(part, ReportTable):
         shown = aligned(part)
@@ -53,7 +61,6 @@ def _part(part: SectionPart) -> dict[str, Any]:
     if isinstance(part, ReportDrawing):
         panels = [part] if part.ratios else [replace(part, draw=(one,)) for one in part.draw]
         width = min(STACKED_INCH, WIDTH_INCH / len(panels))
-        svgs = [as_svg(panel, width) for panel in panels]
-        drawn = [Markup(svg) for svg in svgs]  # noqa: S704 - matplotlib's own SVG
+        drawn = [_panel(*as_svg(panel, width)) for panel in panels]
         return {"kind": "drawing", "panels": drawn, "caption": typeset(part.caption)}
     return {"kind": "text", "text": typeset(part)}

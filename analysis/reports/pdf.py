@@ -116,12 +116,12 @@ def _part(part: SectionPart) -> dict[str, Any]:
         words = not right[widest] or len(head[widest]) > longest[widest]  # words wrap before the type becomes small
         return {
             "kind": "table", "header": head, "rows": rows, "right": right, "words": words, "numeric": table.numeric,
-            "caption": caption,
+            "halved": table.halved, "caption": caption,
         }  # fmt: skip
     if isinstance(part, ReportDrawing):
         caption = printable(typeset(part.caption))
-        svg = as_svg(part, INNER, text=True)
-        return {"kind": "drawing", "svg": svg, "alt": caption or "Drawing", "caption": caption}
+        svg, alt = as_svg(part, INNER, text=True)
+        return {"kind": "drawing", "svg": svg, "alt": printable(alt) or caption, "caption": caption}
     return {"kind": "text", "text": printable(typeset(part))}
 
 

@@ -15,43 +15,64 @@ from analysis.calibration.curve_choice import curve_name
 from analysis.conformity import RULE
 from analysis.figures.acceptance import LIMITS, judge
 from analysis.figures.across_breaks import ALPHA, Break
-from analysis.figures.figure import SENSOR_FIGURES, SYSTEM_FIGURES, void_sentences
+from analysis.figures.figure import KEY_FIGURES, SENSOR_FIGURES, SYSTEM_FIGURES, void_sentences
 from analysis.figures.pipeline import Analysis
 from analysis.figures.sensor_analysis import SensorAnalysis
 from analysis.figures.uncertainty import Budget, ElongationBudgets
 from analysis.numbers import percent, rounded, with_uncertainty
 from analysis.reports import drawings
 from analysis.reports.document import ReportDrawing, ReportTable, Section, SectionPart, cell, cells, p_value, power
-from analysis.reports.text_metrics import width_of
 from analysis.version import program_version
 from protocol.base.units import NOTHING, as_text
 
-LABEL_PT, LABEL_PAD_INCH = 8.0, 0.15  # names at an axis, with their tick
-BARS_FRAME_INCH, GROUP_INCH, BAR_INCH = 0.9, 0.09, 0.12  # of bars: title, legend and axis; between groups; one bar
+HALVED = 30  # rows of readings that are set in one column
+LEAST_SPREAD = 10  # cycles whose spread at each level is drawn
 NEGLIGIBLE_LIFT = 0.02  # % FSO: less is not seen in a figure of two decimals
 
 
 def key_figures(analysis: Analysis, limits: Mapping[str, float]) -> Section:
-    """The figures that a reader looks for and the calibration curves, two sensors a table and a drawing."""
-    count = len(analysis.sensors)
-    tables = [_key_table(analysis, limits, range(at, min(at + 2, count))) for at in range(0, count, 2)]
-    calibrated = [i for i, s in enumerate(analysis.sensors) if s.calibration is not None]
-    draws = [partial(drawings.calibration_curve, analysis, i) for i in calibrated]
-    caption = "Plateau means, fitted curve and its 95 % bands."
-    curves = [ReportDrawing(tuple(draws[at : at + 2]), caption, 2.45) for at in range(0, len(draws), 2)]
-    undefined = void_sentences([(f"sensor {i}", s.figures) for i, s in enumerate(analysis.sensors, 1)])
+    """The figures that a reader looks for first, the limits that were set, and the calibration curves."""
     return Section(
         "Key figures",
         (
-            *tables,
-            *_unit_table(analysis),
-            *_lab_table(analysis),
+            *_figure_tables(analysis, limits, KEY_FIGURES),
             *([_conformity_table(analysis, limits)] if limits else []),
-            *curves,
-            *_lost(analysis),
-            *undefined,
+            *_curves(analysis),
         ),
     )
+
+
+def _curves(analysis: Analysis) -> list[SectionPart]:
+    """The calibration curves with their residuals below, two sensors a row."""
+    calibrated = [i for i, s in enumerate(analysis.sensors) if s.calibration is not None]
+    parts: list[SectionPart] = []
+    for at in range(0, len(calibrated), 2):
+        row = calibrated[at : at + 2]
+        curves = tuple(partial(drawings.calibration_curve, analysis, i) for i in row)
+        residuals = tuple(partial(drawings.residuals, analysis, i) for i in row)
+        parts.append(ReportDrawing(curves, "", 2.6))
+        parts.append(ReportDrawing(residuals, "Plateau means, fitted curve with its 95 % bands, and residuals.", 1.5))
+    return parts
+
+
+def other_figures(analysis: Analysis, limits: Mapping[str, float]) -> Section:
+    """Return the section with all figures that are no key figures, and what is undefined or lost."""
+    undefined = void_sentences([(f"sensor {i}", s.figures) for i, s in enumerate(analysis.sensors, 1)])
+    others = tuple(key for key in SENSOR_FIGURES if key not in KEY_FIGURES)
+    tables = (*_figure_tables(analysis, limits, others), *_unit_table(analysis), *_lab_table(analysis))
+    return Section("Other figures", (*tables, _DEFINITIONS, *_lost(analysis), *undefined))
+
+
+_DEFINITIONS = (
+    "Intervals by bootstrap over cycles (drift: Sen). FSO: full-scale output. Hysteresis: system, signal over "
+    "pressure; sensor, signal over elongation; actuator, elongation over pressure."
+)
+
+
+def _figure_tables(analysis: Analysis, limits: Mapping[str, float], keys: Sequence[str]) -> list[ReportTable]:
+    """Two sensors a table."""
+    count = len(analysis.sensors)
+    return [_figure_table(analysis, limits, keys, range(at, min(at + 2, count))) for at in range(0, count, 2)]
 
 
 def _lab_table(analysis: Analysis) -> list[ReportTable]:
@@ -84,11 +105,11 @@ def _conformity_table(analysis: Analysis, limits: Mapping[str, float]) -> Report
     return ReportTable(header, tuple(rows), caption)
 
 
-def _key_table(analysis: Analysis, limits: Mapping[str, float], chosen: range) -> ReportTable:
+def _figure_table(analysis: Analysis, limits: Mapping[str, float], keys: Sequence[str], chosen: range) -> ReportTable:
     sensors = [analysis.sensors[i] for i in chosen]
     paper, rows = _is_published(analysis), []
-    for key, definition in SENSOR_FIGURES.items():
-        parts = [s.figures.get(key) for s in sensors]
+    for key in keys:
+        definition, parts = SENSOR_FIGURES[key], [s.figures.get(key) for s in sensors]
         if not any(parts):
             continue
         shown = [text for p in parts for text in cells(p)]
@@ -98,12 +119,7 @@ def _key_table(analysis: Analysis, limits: Mapping[str, float], chosen: range) -
     heads = [text for i in chosen for text in (f"Sensor {i + 1}", "95 % interval")]
     header = ("Figure", *heads, "Published", "Limit")
     keep = [i for i in range(len(header)) if i < len(header) - 2 or any(row[i] for row in rows)]
-    return ReportTable(
-        tuple(header[i] for i in keep),
-        tuple(tuple(row[i] for i in keep) for row in rows),
-        "Intervals by bootstrap over cycles (drift: Sen). FSO: full-scale output. Hysteresis: system, signal over "
-        "pressure; sensor, signal over elongation; actuator, elongation over pressure.",
-    )
+    return ReportTable(tuple(header[i] for i in keep), tuple(tuple(row[i] for i in keep) for row in rows))
 
 
 def _is_published(analysis: Analysis) -> bool:
@@ -161,17 +177,6 @@ def influence_quantities(analysis: Analysis) -> list[Section]:
     return [Section("Influence quantities", (*parts, *([f"No coefficient: {'; '.join(void)}."] if void else [])))]
 
 
-def curves(analysis: Analysis) -> Section:
-    """Return the section with the calibration curves and their residuals."""
-    parts: list[SectionPart] = []
-    for i, sensor in enumerate(analysis.sensors):
-        if sensor.calibration is not None:
-            drawing = (partial(drawings.calibration_curve, analysis, i), partial(drawings.residuals, analysis, i))
-            caption = f"Sensor {i + 1}: plateau means, fit and bands; below, residuals."
-            parts.append(ReportDrawing(drawing, caption, 3.9, (2.6, 1.0)))
-    return Section("Calibration curve", tuple(parts))
-
-
 def coefficients(analysis: Analysis) -> Section:
     """Return the section with the coefficients and the quality of each fit."""
     parts: list[SectionPart] = []
@@ -219,28 +224,15 @@ def _quality(analysis: Analysis, sensor: int) -> str:
     return text
 
 
-def loops(analysis: Analysis) -> Section:
-    """Return the section with the hysteresis loops."""
-    return Section("Hysteresis loops", (*loop_drawings(analysis), branch_differences(analysis)))
-
-
-def loop_drawings(analysis: Analysis) -> list[ReportDrawing]:
-    """Return the drawings of every cycle over pressure, two sensors a row."""
-    draws = [partial(drawings.system_loop, analysis, i) for i in range(len(analysis.sensors))]
-    return [
-        ReportDrawing(tuple(draws[at : at + 2]), "All cycles, unloading and loading.", 2.9)
-        for at in range(0, len(draws), 2)
-    ]
-
-
-def branch_differences(analysis: Analysis) -> ReportDrawing:
-    """Return the difference of the branches over pressure, and the actuator hysteresis loop where x was read."""
+def hysteresis(analysis: Analysis, limits: Mapping[str, float]) -> Section:
+    """Return the section with loading minus unloading over pressure: of the signals and, where read, of the tip."""
+    limit = limits.get("hysteresis")
     x = analysis.loops.elongation_mm
-    difference, caption = partial(drawings.loop_difference, analysis), "Difference of the branches over pressure"
-    if x is None or not np.isfinite(x).any():
-        return ReportDrawing((difference,), f"{caption}.", 2.7)
-    loop = partial(drawings.actuator_loop, analysis)
-    return ReportDrawing((difference, loop), f"{caption}, and the actuator hysteresis loop.", 2.7)
+    draws = [partial(drawings.loop_difference, analysis, limit)]
+    if x is not None and np.isfinite(x).any():
+        draws.append(partial(drawings.actuator_loop, analysis))
+    caption = "Loading minus unloading of the mean loop over pressure" + (", with the limit." if limit else ".")
+    return Section("Hysteresis", (ReportDrawing(tuple(draws), caption, 2.7),))
 
 
 def over_cycles(analysis: Analysis) -> Section:
@@ -252,11 +244,11 @@ def over_cycles(analysis: Analysis) -> Section:
     span = partial(each, "span_mv", "span, mV", "Output span per cycle")
     displacement = "One point a cycle. Displacement: mean of all levels, relative to the second half of the run."
     parts: list[SectionPart] = [
-        ReportDrawing((width, drift), displacement, 2.5),
-        ReportDrawing((snr, span), "One point a cycle.", 2.5),
+        ReportDrawing((width, drift), displacement, 2.3),
+        ReportDrawing((snr, span), "One point a cycle.", 2.3),
     ]
     for i, sensor in enumerate(analysis.sensors):
-        if sensor.figures["fso_mv"].value > 0:
+        if sensor.figures["fso_mv"].value > 0 and analysis.loops.n_cycles >= LEAST_SPREAD:
             of_levels = tuple(partial(draw, analysis, i) for draw in (drawings.drift_of_levels, drawings.distribution))
             parts.append(ReportDrawing(of_levels, f"Sensor {i + 1}.", 2.8))
     parts += [text for i, s in enumerate(analysis.sensors, 1) if (text := _single_cycles(i, s))]
@@ -290,28 +282,14 @@ def budget(found: ElongationBudgets | None, of: str = "", analysis: Analysis | N
     if found is None:
         return []
     title = f"Uncertainty of an elongation{f' with {of}' if of else ''}"
-    parts: list[SectionPart] = [f"Not given: {found.void}."] if found.void else []
-    if not found.void:
-        parts += [_budget_drawing(found), _budget_table(found.budgets)]
+    parts: list[SectionPart] = []
     if analysis is not None and any(u.size for u in analysis.u_elongation):
         over_x = partial(drawings.uncertainty_over_x, analysis.u_elongation)
         why = (f" Sensor {i}: {reason}." for i, reason in enumerate(analysis.u_reason, 1) if reason)
         caption = "U of one reading of elongation by each sensor, over the range."
-        parts.append(ReportDrawing((over_x,), caption + "".join(why), 2.4))
+        parts.append(ReportDrawing((over_x,), caption + "".join(why), 2.1))
+    parts.append(f"Not given: {found.void}." if found.void else _budget_table(found.budgets))
     return [Section(title, tuple(parts))]
-
-
-def _budget_drawing(found: ElongationBudgets) -> ReportDrawing:
-    """The components that contribute, largest first, in one drawing for all sensors; as high as their number needs."""
-    largest: dict[str, float] = {}
-    for c in (c for b in found.budgets for c in b.components if c.assessed and c.contribution > 0):
-        largest[c.name] = max(largest.get(c.name, 0.0), c.contribution)
-    names = sorted(largest, key=lambda name: -largest[name])
-    left = LABEL_PAD_INCH + max((width_of(name, LABEL_PT) for name in names), default=0.0)
-    height = BARS_FRAME_INCH + len(names) * (GROUP_INCH + BAR_INCH * len(found.budgets))
-    draw = partial(drawings.budget_bars, found.budgets, names, f"Components at {found.x_mm:+.2f} mm")
-    caption = "The largest components with their share of the variance; the table lists all."
-    return ReportDrawing((draw,), caption, height, left=left)
 
 
 def _dof(dof: float) -> str:
@@ -343,22 +321,24 @@ def _budget_table(budgets: Sequence[Budget]) -> ReportTable:
 
 def readings(analysis: Analysis) -> Section:
     """Return the section with every plateau of the cycles: pressure, elongation, signals."""
-    typical = np.nanmedian([p.signal_se_mv for p in analysis.plateaus], axis=0)
+    errors = np.nanmedian([p.signal_se_mv for p in analysis.plateaus], axis=0)
     void = any(p.void for p in analysis.plateaus)
     rows = []
     for i, p in enumerate(analysis.plateaus):
         if p.branch:
             signals = [
-                f"{rounded(m, t)} ± {rounded(u, t)}" if np.isfinite(m) else NOTHING
-                for m, u, t in zip(p.signal_mv, p.signal_se_mv, typical, strict=True)
+                rounded(mean, error) if np.isfinite(mean) else NOTHING
+                for mean, error in zip(p.signal_mv, errors, strict=True)
             ]
             x = analysis.elongations.elongation_mm[i] if analysis.elongations else np.nan
             where = (str(p.number), str(p.cycle), p.branch, _two_places(p.pressure_kpa), _two_places(x))
             rows.append((*where, *signals, str(min(p.n)), *(["void" if p.void else ""] if void else [])))
     names = (f"s{i + 1}, mV" for i in range(len(analysis.sensors)))
     header = ("no.", "cycle", "branch", "kPa", "mm", *names, "n", *([""] if void else []))
-    caption = f"Means ± standard error.{' The warnings name why a plateau is void.' if void else ''}"
-    return Section("Plateaus and readings", (ReportTable(header, tuple(rows), caption),))
+    typical = ", ".join(f"{rounded(error, error)} mV (s{i})" for i, error in enumerate(errors, 1))
+    caption = f"Means of the signals; median standard error {typical}."
+    caption += " The warnings name why a plateau is void." if void else ""
+    return Section("Plateaus and readings", (ReportTable(header, tuple(rows), caption, halved=len(rows) > HALVED),))
 
 
 def _two_places(value: float) -> str:

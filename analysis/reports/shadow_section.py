@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from analysis.shadow.monitoring.replay import Replay
 
 _TITLE = "Comparison with the digital shadow"
-MOST_ROWS = 12  # cycles in the table; more are read from the drawing
 
 
 def shadow_section(compared: AgainstShadow) -> Section:
@@ -31,16 +30,16 @@ def shadow_section(compared: AgainstShadow) -> Section:
         return Section(_TITLE, (f"Not compared: {compared.void}.",))
     band = "Measured minus nominal elongation; the band is that of the modulus, k = 2."
     residual = "the rms of measured pressure minus the pressure that the measured elongation corresponds to"
+    drift = f"Drift of the deviation: {_drift(result)}."
     per_cycle = (partial(_levels, compared), partial(_residuals, compared))
-    parts: list[SectionPart] = [
-        _summary(result),
-        ReportDrawing((partial(_deviation, result),), band, 2.3),
-        ReportDrawing(per_cycle, f"Each cycle: mean deviation, and {residual}.", 2.4),
-    ]
-    parts += [_table(compared)] if len(compared.numbers) <= MOST_ROWS else []
     alarms = tuple((str(alarm.cycle), alarm.sentence) for alarm in result.alarms)
     none = "No alarm: neither leak, softening, stiffening, drift nor disagreement of the sensors was found."
-    parts.append(ReportTable(("Alarm in cycle", "Text"), alarms, numeric=False) if alarms else none)
+    parts: list[SectionPart] = [
+        _summary(result),
+        ReportTable(("Alarm in cycle", "Text"), alarms, numeric=False) if alarms else none,
+        ReportDrawing((partial(_deviation, result),), band, 2.0),
+        ReportDrawing(per_cycle, f"Each cycle: mean deviation, and {residual}. {drift}", 2.1),
+    ]
     parts += [f"Left out of the alarms: {'; '.join(result.left_out)}."] if result.left_out else []
     return Section(_TITLE, tuple(parts))
 
@@ -84,18 +83,6 @@ def _residuals(compared: AgainstShadow, ax: Axes) -> None:
     ax.plot(compared.numbers, compared.residual_kpa, "o-", color=style.PRESSURE_COLOUR, markersize=2.5, lw=0.8)
     ax.set_ylim(0.0, 1.15 * float(np.nanmax(np.append(compared.residual_kpa, 1e-3))))
     over_cycles(ax, "residual rms, kPa", "Pressure residual per cycle")
-
-
-def _table(compared: AgainstShadow) -> ReportTable:
-    result = compared.result
-    assert result is not None
-    alarms = {number: [a.fault for a in result.alarms if a.cycle == number] for number in compared.numbers}
-    rows = zip(compared.numbers, compared.level_mm, compared.band_mm, compared.residual_kpa, strict=True)
-    cells = tuple(
-        (str(k), f"{d:+.3f}", f"± {2.0 * b:.3f}", f"{r:.2f}", ", ".join(alarms[k]) or "none") for k, d, b, r in rows
-    )
-    header = ("cycle", "mean deviation, mm", "band (k = 2), mm", "residual rms, kPa", "alarms")
-    return ReportTable(header, cells, f"Drift of the deviation: {_drift(result)}.")
 
 
 def _drift(result: Replay) -> str:

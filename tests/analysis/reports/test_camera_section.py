@@ -33,7 +33,7 @@ def test_loop_speed_and_cycles_are_drawn() -> None:
     drawings = [part for part in section.parts if isinstance(part, ReportDrawing)]
     assert [len(drawing.draw) for drawing in drawings] == [1, 2, 2, 1]
     for drawing in (drawings[1], drawings[3]):
-        svg = as_svg(drawing, 6.5, text=True)
+        svg, _ = as_svg(drawing, 6.5, text=True)
         assert "undefined" not in svg
     assert "cycle" in svg
 

@@ -32,8 +32,8 @@ def test_a_continuous_run_whose_sensors_see_nothing_draws_without_a_warning(tmp_
 
     signal = np.full_like(recording.signal_mv, 1650.0)
     analysis = analyse(Recording.from_arrays(recording.time_s, recording.pressure_kpa, signal), mcmc=False)
-    for draw in (partial(drawings.loop_difference, analysis), partial(drawings.drift_of_levels, analysis, 0)):
-        assert as_svg(ReportDrawing((draw,), ""), 7.0).startswith("<svg")
+    for draw in (partial(drawings.loop_difference, analysis, None), partial(drawings.drift_of_levels, analysis, 0)):
+        assert as_svg(ReportDrawing((draw,), ""), 7.0)[0].startswith("<svg")
     write_report([analysis], tmp_path / "r.html")
     assert "<svg" in (tmp_path / "r.html").read_text(encoding="utf-8")
 

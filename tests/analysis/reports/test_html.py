@@ -43,3 +43,17 @@ def test_labels_of_drawings_are_read_on_a_telephone(written: Path) -> None:
     assert len(widths_pt) == html.count("<svg")
     px_per_pt, tick_pt = 4 / 3, style.RC["xtick.labelsize"]
     assert min(tick_pt * 358 / (px_per_pt * width) for width in widths_pt) > 7.0
+
+
+def test_each_drawing_has_an_alternative_text_and_both_themes(written: Path) -> None:
+    """Its title and axes in words; no colour of the light theme is fixed in a drawing."""
+    html = (written / "r.html").read_text(encoding="utf-8")
+    drawings = re.findall(r"<svg.*?</svg>", html, flags=re.DOTALL)
+    alternatives = [re.match(r'<svg role="img" aria-label="([^"]+)"', drawing) for drawing in drawings]
+    assert all(alternatives)
+    assert any(
+        one and one[1] == "Hysteresis of the mean loop: loading − unloading, % FSO over pressure, kPa"
+        for one in alternatives
+    )
+    assert "@media screen and (prefers-color-scheme: dark)" in html
+    assert not [colour for colour in style.ON_DARK if any(colour.lower() in drawing for drawing in drawings)]

@@ -28,6 +28,7 @@ def test_pdf_has_embedded_fonts_and_numbered_pages(written: Path) -> None:
     info = subprocess.run(["pdfinfo", written / "r.pdf"], capture_output=True, text=True, check=True).stdout
     pages = int(re.search(r"Pages:\s+(\d+)", info)[1])
     assert "A4" in info
+    assert pages <= 6
     text = subprocess.run(["pdftotext", written / "r.pdf", "-"], capture_output=True, text=True, check=True).stdout
     assert all(f"page {k} of {pages}" in text for k in range(1, pages + 1))
     assert text.count("SIMULATED\n") >= pages

@@ -16,7 +16,7 @@ from typing import Any
 
 from PySide6.QtCore import QByteArray, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QGuiApplication, QResizeEvent
-from PySide6.QtWidgets import QApplication, QMainWindow, QStackedWidget, QWidget
+from PySide6.QtWidgets import QApplication, QMainWindow, QStackedWidget, QTableView, QWidget
 
 from boat_daq.gui import style
 from boat_daq.gui.connect_panel import ConnectPanel
@@ -39,6 +39,7 @@ from boat_daq.gui.results.runs_page import RunsPage
 from boat_daq.gui.settings_page import SafeModeBar, SettingsPage
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import data_table
 from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.gui.widgets.layouts import PageScroll
 from boat_daq.gui.widgets.panel_guard import PanelGuard
@@ -289,6 +290,11 @@ class MainWindow(QMainWindow):
         """Save a plot to a file."""
         if self.model.notices.attempt(card.require_data):
             ask_save(self, self.model.services, card.title, suffix, card.save)
+
+    def save_table(self, table: QTableView) -> None:
+        """Save a table to a file."""
+        save = partial(data_table.save_table, table)
+        ask_save(self, self.model.services, table.accessibleName(), "csv", save)
 
     # ---- look ----------------------------------------------------------------------------------------------------
 

@@ -29,7 +29,7 @@ from boat_daq.gui.widgets.panel_guard import PanelGuard
 from boat_daq.viewmodels.common.services import Page, Panel, Services
 from boat_daq.viewmodels.live.camera import CameraModel
 from boat_daq.viewmodels.live.connection import age_text
-from boat_daq.viewmodels.live.layout import Layouts
+from boat_daq.viewmodels.live.layout import Layout, Layouts
 from boat_daq.viewmodels.live.live_model import HEADINGS_SHORT, STATISTICS_HEADINGS, WINDOWS_S, OverlayModel, Span
 from boat_daq.viewmodels.live.run_model import RunModel
 from boat_daq.viewmodels.live.shadow_live import ShadowLive
@@ -195,6 +195,7 @@ class LivePage(QWidget):
         self.guard = PanelGuard(services.notices)
         self.plots, self.curves = LivePlots(self.model), SignalCurves(self.model)
         self.plots.borders.changed.connect(self._keep_heights)
+        self.plots.layout_wanted.connect(self._change_layout)
         self.figures = self._figures()
         self.spans = widgets.label("", "small")
         self.spans.hide()
@@ -328,6 +329,10 @@ class LivePage(QWidget):
     def toggle_together(self) -> None:
         """Show all signals on one axis, or on one each."""
         self.layouts.change(self.layouts.current.toggled_together(self.model.quantities()))
+        self.plots.arrange()
+
+    def _change_layout(self, layout: Layout) -> None:
+        self.services.notices.attempt(partial(self.layouts.change, layout))
         self.plots.arrange()
 
     def show_layout(self) -> None:

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from time import monotonic
 from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import QEvent, QObject, QPointF, Qt
+from PySide6.QtCore import QEvent, QObject, QPointF, Qt, Signal
 from PySide6.QtGui import QResizeEvent
+from PySide6.QtWidgets import QMenu
 
 from boat_daq.engine.display.ring_buffer import CAMERA_U
 from boat_daq.formatting import clock, in_units
@@ -23,12 +25,14 @@ from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.live.axis import SteadyRange, extremes
-from boat_daq.viewmodels.live.layout import CAMERA, ELONGATION, PRESSURE, Axes, title, titles, unit
+from boat_daq.viewmodels.live.layout import CAMERA, ELONGATION, PRESSURE, Axes, Layout, title, titles, unit
 from boat_daq.viewmodels.live.live_model import CYCLES_KEPT, LiveModel, OverlayModel, PlotFrame, sensor_names
 from boat_daq.workflows.live_conversion import LiveElongation
 from protocol.base.arrays import FloatArray
 from protocol.recording import DerivedChannel, ExtraChannel
 
+PREDICTED = "\u2504 predicted, band 95 %"
+PREDICTED_TIP = "The signals that pressure, shadow model and calibration predict, with their 95 % band"
 MOST_OF_A_NOTE = 28  # letters beside a marker; the whole of it on hover
 WHOLE_S = 0.1  # a change that no sample tells of, such as another calibration, is seen after so long
 
@@ -60,10 +64,13 @@ class LivePlots(PlotCard):
     Each quantity has a plot. Where it shares that of another one, its layers are drawn there.
     """
 
+    layout_wanted = Signal(object)  # another layout, chosen in the menu
+
     def __init__(self, model: LiveModel) -> None:
         super().__init__("Live signals", show_title=False)
         self.model = model
         self.last: PlotFrame | None = None  # drawn whole
+        self.readout.setToolTip(PREDICTED_TIP)
         self._whole_until_s = -math.inf  # of `monotonic`: after it the picture is drawn whole again, moved or not
         self.own: dict[str, Plot] = {}  # by quantity, as many as any board so far had
         self.layers: dict[str, list[Layer]] = {}  # of a quantity, in whichever plot
@@ -105,12 +112,13 @@ class LivePlots(PlotCard):
         return self.rows[0]
 
     def _own(self, quantity: str, *, x_title: str = "", x_unit: str = "") -> Plot:
-        """Add the plot of a quantity; its time is linked, and the mouse moves it along time only."""
+        """Add the plot of a quantity; its time is linked."""
         name, stored = self.model.title(quantity), self.model.unit(quantity)
         plot = self.add(name, stored, x_title=x_title, x_unit=x_unit, time=True)
         box = plot.item.getViewBox()
-        box.setMouseEnabled(x=True, y=False)
+        box.along = True
         box.sigRangeChangedManually.connect(self._moved)  # no lambda: it would keep all this alive
+        box.autoscale_wanted.connect(self.autoscale)
         if self.own:
             plot.item.setXLink(next(iter(self.own.values())).item)
         self.own[quantity] = plot
@@ -131,6 +139,7 @@ class LivePlots(PlotCard):
 
     def arrange(self) -> None:
         """Show the plots of the layout, those for which the window is high enough."""
+        made = len(self.own)
         for sensor in range(3, self.model.sensors() + 1):
             if f"s{sensor}_mv" not in self.own:
                 self._add_signal(sensor)
@@ -149,6 +158,8 @@ class LivePlots(PlotCard):
                 curve = self._own(quantity).curve("Measured less predicted", lambda t: t.text, gaps=True)
                 self.curves[quantity], self.layers[quantity] = curve, [curve]
                 self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)
+        if len(self.own) > made:
+            self._shown = ()  # a new plot is in the view until the layout places or hides it
         layout = self.model.plots()
         rows = self._fitting(layout)
         heights = self.model.layout().heights
@@ -188,16 +199,21 @@ class LivePlots(PlotCard):
         return {names[at]: share for at, share in self.borders.shares.items()}
 
     def _fitting(self, layout: tuple[Axes, ...]) -> tuple[Axes, ...]:
-        """Return the rows from the chosen one on that are high enough to be read; the choice is hidden if all are."""
+        """Return the rows from the chosen one on that are high enough to be read, the pressure always among them.
+
+        The choice is hidden if all are.
+        """
         names = [self.model.titles(row.all) for row in layout]
         if names != [self.first_row.itemText(i) for i in range(self.first_row.count())]:
             self.first_row.clear()
             self.first_row.addItems(names)
         least = style.ROW_LOW if self.window().height() < style.LOW_BELOW else style.ROW_LEAST
-        fit = max(1, int(self.view.height() - style.AXIS_HEIGHT) // least)
+        fit = max(2, int(self.view.height() - style.AXIS_HEIGHT) // least)
         self.first_row.setVisible(fit < len(layout))
         first = min(self.first_row.currentIndex(), len(layout) - fit) if fit < len(layout) else 0
-        return layout[first : first + fit]
+        rows = layout[first : first + fit]
+        pressure = [row for row in layout if PRESSURE in row.all and row not in rows]
+        return (*rows[: fit - len(pressure)], *pressure)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Show as many rows as the new height can show."""
@@ -226,6 +242,7 @@ class LivePlots(PlotCard):
 
     def _draw_whole(self, frame: PlotFrame) -> None:
         time_s = frame.columns["time_s"]
+        widgets.set_text(self.readout, PREDICTED if frame.predicted is not None else "")
         for curve, values in self._lines(frame):
             curve.set(time_s, values)
         if frame.elongation is not None:
@@ -328,10 +345,50 @@ class LivePlots(PlotCard):
         return super().eventFilter(watched, event)
 
     def _moved(self, *_: object) -> None:
+        """Keep the time that the mouse has moved to; a zoom in height alone follows on."""
         ranges = [tuple(plot.item.getViewBox().viewRange()[0]) for plot in self.rows]
-        drawn = (self.last.low_s, self.last.high_s) if self.last is not None else None
-        low, high = next((shown for shown in ranges if shown != drawn), ranges[0])  # that which the mouse has moved
-        self.model.frozen_s = (low, high)
+        drawn = (self.last.low_s, self.last.high_s) if self.last is not None else ranges[0]
+        moved = next((shown for shown in ranges if not np.allclose(shown, drawn, rtol=0.0, atol=1e-6)), None)
+        if moved is not None:
+            self.model.frozen_s = (max(moved[0], 0.0), max(moved[1], 1.0))
+
+    def autoscale(self) -> None:
+        """Follow the data again, each plot as high as they need."""
+        self.model.frozen_s = None
+        for plot in self.plots:
+            plot.autoscale()
+
+    def add_plot_actions(self, menu: QMenu, plot: Plot, x: float) -> None:
+        """Add cursors, zoom and layout of one plot."""
+        for which in ("a", "b"):
+            menu.addAction(f"Cursor {which.upper()} here", partial(self.move_cursor, which, x))
+        if self.model.cursors_s:
+            menu.addAction("Remove cursors", self.remove_cursors)
+        self.add_zoom(menu, plot)
+        layout, known = self.model.layout().complete(self.model.quantities()), self.model.quantities()
+        axes = next((axes for row, axes in zip(self.rows, self._shown, strict=True) if row is plot), Axes(()))
+        for quantity in axes.all:
+            self._offer(menu, f"Hide {self.model.title(quantity)}", layout.without(quantity))
+            if len(axes.left) > 1 and quantity in axes.left and not axes.right:
+                self._offer(menu, f"Own axis: {self.model.title(quantity)}", layout.with_axis(quantity, right=True))
+            if len(axes.all) > 1:
+                self._offer(menu, f"Own plot: {self.model.title(quantity)}", layout.placed(quantity))
+        for quantity in (q for q in layout.hidden if q in known):
+            self._offer(menu, f"Show {self.model.title(quantity)}", layout.placed(quantity))
+
+    def _offer(self, menu: QMenu, text: str, layout: Layout) -> None:
+        menu.addAction(text, partial(self.layout_wanted.emit, layout))
+
+    def move_cursor(self, which: str, at: float) -> None:
+        """Put cursor "a" or "b" at a time."""
+        if not self._cursors[which]:
+            self.place_cursor(which)
+        self._drag(which, at)
+
+    def remove_cursors(self) -> None:
+        """Take both cursors away."""
+        for which in list(self.model.cursors_s):
+            self.place_cursor(which)
 
     def place_cursor(self, which: str) -> None:
         """Put cursor "a" or "b" at a third or two thirds of the picture, or take it away."""

@@ -14,7 +14,7 @@ import numpy as np
 import pyqtgraph as pg
 
 from boat_daq.gui.plotting.axes import LogAxis
-from boat_daq.gui.plotting.plot import Plot, sensor_colour
+from boat_daq.gui.plotting.plot import Plot, PlotBox, sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls as widgets
@@ -42,7 +42,8 @@ Places = Sequence[tuple[float, float]]
 
 def log_card(card: PlotCard, title: str, unit: str, x_title: str) -> Plot:
     """Add a plot with logarithmic axes to a card: error up, processor time in s across."""
-    item = pg.PlotItem(axisItems={"left": LogAxis("left"), "bottom": LogAxis("bottom")}, enableMenu=False)
+    axes = {"left": LogAxis("left"), "bottom": LogAxis("bottom")}
+    item = pg.PlotItem(viewBox=PlotBox(), axisItems=axes, enableMenu=False)
     card.view.addItem(item, row=0, col=0)
     item.setMouseEnabled(False, False)  # what is shown is all there is
     plot = Plot(item, title, unit, x_title=x_title, x_unit="s")

@@ -11,25 +11,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from html import escape
 from typing import Any
 
 import pyqtgraph as pg
 from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
-from PySide6.QtGui import QColor, QPainter, QPainterPath, QPen, QStaticText
+from PySide6.QtGui import QColor, QFont, QFontMetrics, QPainter, QPainterPath, QPen, QStaticText
 from PySide6.QtWidgets import QGraphicsItem, QGraphicsPathItem
 
-from boat_daq.formatting import power_text
+from boat_daq.formatting import clock, power_text
 from boat_daq.gui import style
 from boat_daq.gui.style import Theme
 from boat_daq.viewmodels.live import axis
-from protocol.base.units import Shown, as_text
+from protocol.base.units import MINUS, Shown, as_text
 
 CACHED_LABELS = 500
 _OVER = 0.1  # of a label's height, which may be outside the axis above and below it, as in pyqtgraph
 ON_TICK = 1e-9  # of a step
 LOG_LABELS = 7
 GRID_BEYOND, GRID_LONGEST = 2.0, 50.0  # of what is shown: lines of the grid are longer on either side; at most so long
-_CORNER = 2  # pixels between the axis and a title in the corner of the plot
+_TITLE_LINES = 2  # of a title beside the axis
+_LABEL_GAP = 8  # pixels between two labels of the lower axis
 LOG_DIGITS = (1, 2, 5)
 _FEW_DECADES = 2.0  # over fewer, the 2 and the 5 between are labelled too
 
@@ -42,7 +44,7 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
     _grid_shown: object = None  # ticks, length and theme of the grid as it is
     _grid_reach = (0.0, 0.0)  # where its lines begin and end
     _across: TickAxis | None = None  # whose lines lie along this axis
-    _title = ""
+    _title = _unit = ""
     _clock = "min:s"  # what the labels of a time axis show
     _shown = Shown("")  # how the labels show the values of the plot
 
@@ -69,47 +71,66 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
     def set_title(self, title: str, unit: str) -> None:
         """Set what the axis measures; the unit of a time axis follows its labels."""
         self._title, self._shown = title, self._theme.units.shown(unit)
-        text = named(title, self._clock if self.time else as_text(self._shown.symbol)) if title else ""
-        self.setLabel(text, **label_style(self._theme))
+        self._unit = self._clock if self.time else as_text(self._shown.symbol)
+        self.setLabel(named(title, self._unit) if title else "", **label_style(self._theme))
+        self.label.setFont(self._font)
+        self.label.document().setDocumentMargin(0)
         self.label.setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)
         self.resizeEvent()  # else it is centred with the width of the label before it
 
     def resizeEvent(self, ev: Any = None) -> None:
-        """Place the title beside the axis, or in the corner of the plot where the axis is shorter: it is never cut."""
-        upright = self.orientation != "bottom" and self.label is not None
-        along = self.label.boundingRect() if upright else QRectF()
-        fits = along.width() <= self.size().height()
-        if upright:
-            self.label.setRotation(-90 if fits else 0)
+        """Place the title in the gutter, whole in one line or two where it fits, else elided: never on the data."""
+        upright = self.orientation != "bottom"
+        if self.label is not None and self._title:
+            length = self.size().height() if upright else self.size().width()
+            lines = title_lines(self._title, self._unit, self._font, length, most=_TITLE_LINES if upright else 1)
+            self.label.setHtml(self._titled("<br>".join(map(escape, lines))))
+            self.label.setToolTip("" if "\u2026" not in "".join(lines) else self.labelText)
+            self.label.setTextWidth(max(1.0, length))
         super().resizeEvent(ev)
-        if not fits:
-            left = self.orientation == "left"
-            self.label.setPos(self.size().width() + _CORNER if left else -along.width() - _CORNER, 1)
+        if self.label is not None:
+            size, thick = self.size(), self.label.boundingRect().height()
+            if upright:
+                self.label.setX(0 if self.orientation == "left" else size.width() - thick)
+            else:
+                self.label.setY(size.height() - thick)
         self._lay_grid()
 
-    @property
-    def covered(self) -> float:
-        """Share of the plot's height under a title in its corner."""
-        height, title = self.size().height(), self.label.boundingRect()
-        return min(0.5, (title.height() + _CORNER) / height) if 0 < height < title.width() else 0.0
+    def _titled(self, text: str) -> str:
+        """Return a title as centred rich text."""
+        look = "; ".join(f"{key}: {value}" for key, value in label_style(self._theme).items())
+        return f"<div align='center' style='{look}'>{text}</div>"
 
     def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
         """Return one level of ticks: the multiples of its step in the range, ends included; the step as it is shown."""
         shown = self._shown
         minVal, maxVal = shown.value(minVal), shown.value(maxVal)
         span = maxVal - minVal
-        step = axis.time_step(span) if self.time else axis.tick_step(span, size)
+        below = self.orientation == "bottom"
+        step = axis.time_step(span) if self.time else axis.tick_step(span, math.inf if below else size)
         if self.whole:
-            step = max(1.0, axis.tick_step(span))
+            step = max(1.0, step)
+        while below and 0.0 < size < span / step * self._label_width(minVal, maxVal, step):
+            step = axis.next_step(step, time=self.time)
         first, last = math.ceil(minVal / step - ON_TICK), math.floor(maxVal / step + ON_TICK)
         return [(step, [(n * step - shown.offset) / shown.factor for n in range(first, last + 1)])]
+
+    def _label_width(self, low: float, high: float, step: float) -> float:
+        """Return the width of the widest label at the ends of a range, in pixels, with the space beside it."""
+        ends = [(math.floor(end / step) * step - self._shown.offset) / self._shown.factor for end in (low, high)]
+        return max(self._label(text).size().width() for text in self.tickStrings(ends, 1.0, step)) + _LABEL_GAP
 
     def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
         """Return the labels of `values`."""
         if self.time:
             return [axis.clock(value, spacing, self._clock) for value in values]
         shown = [self._shown.value(value) for value in values]
-        return [str(text).replace("-", "\u2212") for text in super().tickStrings(shown, scale, spacing)]
+        return [str(text).replace("-", MINUS) for text in super().tickStrings(shown, scale, spacing)]
+
+    def value_text(self, value: float) -> str:
+        """Return a value with its unit, as the axis shows it."""
+        text = clock(value) if self.time else f"{self._shown.value(value):.4g}".replace("-", MINUS)
+        return text if self.time or not self._unit else f"{text} {self._unit}"
 
     def setRange(self, mn: float, mx: float) -> None:
         """Set the range, and lay the grid where other ticks are in it; what has no labels is not painted again."""
@@ -211,8 +232,8 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         return self._labels[text]
 
     def _draw_labels(self, painter: QPainter, area: QRectF, places: list[float], words: list[str]) -> None:
-        """Write the labels that lie wholly inside the axis."""
-        around = self.boundingRect()
+        """Write the labels that lie wholly inside the axis and on no other one."""
+        around, written = self.boundingRect(), -math.inf
         across, along = (float(offset) for offset in self.style["tickTextOffset"])
         painter.setFont(self._font)
         painter.setPen(self._text)
@@ -225,7 +246,8 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
                 inside = around.top() <= y + margin and y + height - margin <= around.bottom()
             else:
                 x, y = area.left() + place - width / 2, area.top() + along
-                inside = around.left() <= x and x + width <= around.right()
+                inside = max(around.left(), written) <= x and x + width <= around.right()
+                written = x + width if inside else written
             if inside:
                 painter.drawStaticText(QPointF(x, y), label)
 
@@ -242,11 +264,9 @@ class LogAxis(TickAxis):
         super().__init__(orientation)
         self.format_value = text
 
-    @property
-    def covered(self) -> float:
-        """Share of the plot's height under a title in its corner."""
-        height, title = self.size().height(), self.label.boundingRect()
-        return min(0.5, (title.height() + _CORNER) / height) if 0 < height < title.width() else 0.0
+    def value_text(self, value: float) -> str:
+        """Return a value as the axis shows it."""
+        return self.format_value(10.0**value)
 
     def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
         """Return the one level of ticks, as logarithms."""
@@ -255,6 +275,18 @@ class LogAxis(TickAxis):
     def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
         """Return the labels of `values`."""
         return [self.format_value(10.0**value) for value in values]
+
+
+def title_lines(title: str, unit: str, font: QFont, length: float, *, most: int) -> list[str]:
+    """Return a title with its unit in at most `most` lines no longer than `length` pixels; else elided."""
+    words = [*title.split(), *([f"({unit})"] if unit else [])]
+    for count in range(1, min(most, len(words)) + 1):
+        cuts = range(1, len(words)) if count > 1 else [len(words)]
+        options = [[" ".join(part) for part in (words[:cut], words[cut:]) if part] for cut in cuts]
+        fitting = [lines for lines in options if max(style.text_width(font, line) for line in lines) <= length]
+        if fitting:
+            return fitting[-1]  # the unit in a line of its own, where that fits
+    return [QFontMetrics(font).elidedText(named(title, unit), Qt.TextElideMode.ElideRight, max(1, int(length)))]
 
 
 def log_ticks(low: float, high: float) -> list[float]:

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import Qt
+from PySide6.QtCore import Qt, Signal
 from PySide6.QtGui import QBrush, QColor, QPainterPath, QPen, QTransform
 from PySide6.QtWidgets import QGraphicsItem, QGraphicsPathItem
 
@@ -219,6 +219,56 @@ class CornerText:
         self._item.fill = pg.mkBrush(theme.surface)
 
 
+class PlotBox(pg.ViewBox):  # type: ignore[misc]
+    """The area of the data: a drag pans, with Shift it zooms to a box; the wheel zooms, over an axis along it alone.
+
+    Attributes
+    ----------
+    along : whether drag and wheel over the data act on the lower axis alone, as in plots over time.
+    box_next : whether the next drag zooms to a box without Shift.
+    """
+
+    autoscale_wanted = Signal()
+
+    def __init__(self) -> None:
+        super().__init__(enableMenu=False)
+        self.along = self.box_next = self._boxes = False
+
+    def mouseDragEvent(self, ev: Any, axis: int | None = None) -> None:
+        """Pan, or zoom to a box."""
+        if ev.button() is Qt.MouseButton.RightButton:
+            ev.ignore()
+            return
+        if ev.isStart():
+            shift = bool(ev.modifiers() & Qt.KeyboardModifier.ShiftModifier)
+            self._boxes = axis is None and any(self.state["mouseEnabled"]) and (self.box_next or shift)
+        self.state["mouseMode"] = self.RectMode if self._boxes else self.PanMode
+        super().mouseDragEvent(ev, 0 if self.along and axis is None and not self._boxes else axis)
+        if ev.isFinish():
+            self.box_next = self._boxes = False
+            self.unsetCursor()
+
+    def showAxRect(self, ax: Any, **kwargs: Any) -> None:
+        """Show the box as it was drawn."""
+        super().showAxRect(ax, padding=0, **kwargs)
+
+    def wheelEvent(self, ev: Any, axis: int | None = None) -> None:
+        """Zoom; with Ctrl in height alone."""
+        upright = bool(ev.modifiers() & Qt.KeyboardModifier.ControlModifier)
+        super().wheelEvent(ev, 1 if upright else 0 if self.along and axis is None else axis)
+
+    def mouseClickEvent(self, ev: Any) -> None:
+        """Show everything after a double click."""
+        if ev.double() and ev.button() is Qt.MouseButton.LeftButton:
+            ev.accept()
+            self.autoscale_wanted.emit()
+
+    def zoom_to_next_box(self) -> None:
+        """Zoom to the box that the next drag draws."""
+        self.box_next = True
+        self.setCursor(Qt.CursorShape.CrossCursor)
+
+
 class Plot:
     """One plot of a card."""
 
@@ -227,6 +277,9 @@ class Plot:
         self.x_title, self.x_unit = x_title, x_unit
         self.layers: list[Layer] = []
         self._y_shown = (math.nan, math.nan)
+        self._home: tuple[tuple[float, float], tuple[float, float]] | None = None  # x and y of the last fit
+        self.y_held = False  # the operator has zoomed in height
+        self.cursor: Any = None
         self._x_shown = ("", "")  # title and unit below it
         self._theme: Theme | None = None
         self._lines: list[tuple[Any, ThemeColour, Qt.PenStyle]] = []
@@ -241,13 +294,14 @@ class Plot:
         box.disableAutoRange()
         reports = QGraphicsItem.GraphicsItemFlag.ItemSendsGeometryChanges
         box.childGroup.setFlag(reports, False)  # they would come to Python in each frame
+        box.sigRangeChangedManually.connect(self._moved)
+        box.autoscale_wanted.connect(self.autoscale)
         self.left, self.bottom = item.getAxis("left"), item.getAxis("bottom")
         self.left.setWidth(style.AXIS_WIDTH)
         self.left.setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)  # changes rarely
         self.label_x(x_title, x_unit)
         for ruler, across in ((self.bottom, self.left), (self.left, self.bottom)):
             ruler.add_grid(item, across)
-            ruler.setZValue(-999)  # its title, in the corner of a low plot, hides no data
         for side in ("right", "top"):
             item.getAxis(side).unlinkFromView()  # hidden, they would still be updated in every frame
 
@@ -344,7 +398,6 @@ class Plot:
             self.right = TickAxis("right")
             self.item.setAxisItems({"right": self.right})
             self.right.unlinkFromView()  # its range is set here
-            self.right.setZValue(-999)
         self._right_shown = (title, unit)
         self.right.setVisible(bool(width))
         self.right.setWidth(width)
@@ -391,8 +444,54 @@ class Plot:
         """Show [low, high] vertically; nothing is done where it is shown already."""
         if high > low and (low, high) != self._y_shown:
             self._y_shown = (low, high)
-            self.item.getViewBox().setYRange(low, high, padding=0)
-            self._place_right()
+            if not self.y_held:
+                self.item.getViewBox().setYRange(low, high, padding=0)
+                self._place_right()
+
+    def _moved(self, *_: object) -> None:
+        """Keep the height that the operator has zoomed to."""
+        shown = self.item.getViewBox().viewRange()[1]
+        self.y_held = self.y_held or not np.allclose(shown, self._y_shown, rtol=1e-9, atol=0.0)
+        self._place_right()
+
+    def autoscale(self) -> None:
+        """Show everything again."""
+        box = self.item.getViewBox()
+        self.y_held = False
+        if self._home is not None:
+            box.setRange(xRange=self._home[0], yRange=self._home[1], padding=0)
+        elif math.isfinite(self._y_shown[0]):
+            box.setYRange(*self._y_shown, padding=0)
+        self._place_right()
+
+    def place_cursor(self, x: float) -> None:
+        """Put the movable cursor at `x`; it shows the value of the first curve there."""
+        if self.cursor is None:
+            self.cursor = self.line(
+                lambda t: t.text, vertical=True, movable=True, style_=Qt.PenStyle.SolidLine, label=" "
+            )
+            self.cursor.sigPositionChanged.connect(self._show_cursor)
+        self.cursor.setValue(x)
+        self._show_cursor()
+
+    def remove_cursor(self) -> None:
+        """Take the cursor away."""
+        if self.cursor is not None:
+            self.remove_line(self.cursor)
+            self.cursor = None
+
+    def _show_cursor(self, *_: object) -> None:
+        """Show the cursor's place, and the curve's value there."""
+        x = float(self.cursor.value())
+        text = self.bottom.value_text(x)
+        for layer in self.layers:
+            rising = np.all(np.diff(layer.x) >= 0)
+            if type(layer) is Curve and layer.x.size > 1 and rising and layer.x[0] <= x <= layer.x[-1]:
+                text = f"{self.left.value_text(float(np.interp(x, layer.x, layer.y)))} at {text}"
+                break
+        self.cursor.label.setFormat(text.replace("{", "{{").replace("}", "}}"))
+        if self._theme is not None:
+            self.cursor.label.fill = pg.mkBrush(self._theme.surface)
 
     def fit(self, *, x_margin: float = 0.04, smallest: float = 0.0) -> None:
         """Show all that is drawn, at least `smallest` high; for pages that change on request, not in a frame."""
@@ -401,10 +500,9 @@ class Plot:
         bands = (layer.low for layer in layers if isinstance(layer, Band))
         y_low, y_high = axis.extremes(*(layer.y for layer in layers), *bands)
         if x_low <= x_high and y_low <= y_high:
-            low, high = axis.framed(y_low, y_high, smallest=smallest)
-            self._y_shown = low, high + (high - low) * self.left.covered / (1 - self.left.covered)
-            box = self.item.getViewBox()  # both at once: a locked aspect would cut one of them off
-            box.setRange(xRange=axis.padded(x_low, x_high, x_margin), yRange=self._y_shown, padding=0)
+            self._y_shown = axis.framed(y_low, y_high, smallest=smallest)
+            self._home = axis.padded(x_low, x_high, x_margin), self._y_shown
+            self.autoscale()  # both ranges at once: a locked aspect would cut one of them off
 
     @property
     def x_name(self) -> str:
@@ -429,6 +527,8 @@ class Plot:
             if ruler is not None:
                 ruler.set_theme(theme)
         self._write_titles()
+        self.item.getViewBox().rbScaleBox.setPen(pg.mkPen(theme.accent, width=1))
+        self.item.getViewBox().rbScaleBox.setBrush(style.colour(theme.accent, style.BAND_ALPHA_WIDE))
         for layer in self.layers:
             layer.paint(theme)
         for labels in self._labels:
@@ -458,7 +558,9 @@ class Plot:
 def make_item(*, time: bool = False, whole: bool = False) -> Any:
     """Return an empty pyqtgraph plot with our axes; the lower one shows a time, or whole numbers."""
     item = pg.PlotItem(
-        axisItems={"left": TickAxis("left"), "bottom": TickAxis("bottom", time=time, whole=whole)}, enableMenu=False
+        viewBox=PlotBox(),
+        axisItems={"left": TickAxis("left"), "bottom": TickAxis("bottom", time=time, whole=whole)},
+        enableMenu=False,
     )
     for frame in (item, item.getViewBox()):
         frame.setFlag(QGraphicsItem.GraphicsItemFlag.ItemHasNoContents)  # Qt does not call their Python paint

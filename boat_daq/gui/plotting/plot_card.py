@@ -56,6 +56,8 @@ class PlotCard(QFrame):
         self.view.ci.layout.setContentsMargins(0, style.STEP, style.STEP, 0)
         self.view.ci.layout.setSpacing(style.STEP)
         self.view.setAccessibleName(title)
+        self.view.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
+        self.view.customContextMenuRequested.connect(self._open_menu)
         self.borders = RowBorders(self.view, self.plots)
         self.heading = widgets.ElidedLabel(title if show_title else "")
         self.heading.setTextFormat(Qt.TextFormat.PlainText)
@@ -63,12 +65,9 @@ class PlotCard(QFrame):
         self.heading.least = style.HEADING_LEAST
         self.heading.explain(explanation)
         self.readout = widgets.label("", "small", elide=True)
-        self.menu_button = export_button(
-            title,
-            "Copy or save this plot; while this button has the focus, Ctrl+Shift+C, Ctrl+S and Ctrl+E too",
-            partial(self.copy_wanted.emit, self),
-            partial(self.save_wanted.emit, self),
-        )
+        self._exports = partial(self.copy_wanted.emit, self), partial(self.save_wanted.emit, self)
+        tip = "Copy or save this plot; while this button has the focus, Ctrl+Shift+C, Ctrl+S and Ctrl+E too"
+        self.menu_button = export_button(title, tip, *self._exports)
         self.bar = widgets.row(self.heading, None, self.readout, self.menu_button)
         self.empty_text = widgets.label("", "muted", wrap=True)
         self.empty_text.setAlignment(Qt.AlignmentFlag.AlignCenter)
@@ -76,6 +75,41 @@ class PlotCard(QFrame):
         margins = (style.CARD_PADDING, style.GAP, style.STEP, style.STEP)
         self.inside = widgets.column(self.bar, (self.view, 1), (self.empty_text, 1), spacing=0, margins=margins)
         self.setLayout(self.inside)
+
+    def _open_menu(self, at: QPoint) -> None:
+        """Open the menu of the plot at a place of the view."""
+        menu = QMenu(self)
+        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        add_exports(menu, *self._exports)
+        scene = self.view.mapToScene(at)
+        shown = (plot for plot in self.plots if plot.item in self.view.ci.items)
+        plot = next((plot for plot in shown if plot.item.sceneBoundingRect().contains(scene)), None)
+        if plot is not None:
+            menu.addSeparator()
+            self.add_plot_actions(menu, plot, plot.item.getViewBox().mapSceneToView(scene).x())
+        menu.popup(self.view.mapToGlobal(at))
+
+    def add_plot_actions(self, menu: QMenu, plot: Plot, x: float) -> None:
+        """Add the actions of one plot, at `x`, to its menu."""
+        menu.addAction("Cursor here", partial(plot.place_cursor, x))
+        if plot.cursor is not None:
+            menu.addAction("Remove cursor", plot.remove_cursor)
+        self.add_zoom(menu, plot)
+        curves = menu.addMenu("Show or hide")
+        for layer in plot.layers:
+            if layer.x.size:
+                action = curves.addAction(layer.name)
+                action.setCheckable(True)
+                action.setChecked(layer.item.isVisible())
+                action.toggled.connect(layer.show)
+        curves.setEnabled(bool(curves.actions()))
+
+    def add_zoom(self, menu: QMenu, plot: Plot) -> None:
+        """Add the zoom by a box, and the way back, where the mouse may move the plot."""
+        box = plot.item.getViewBox()
+        if any(box.state["mouseEnabled"]):
+            menu.addAction("Zoom to a box (Shift+drag)", box.zoom_to_next_box)
+            menu.addAction("Autoscale (double click)", box.autoscale_wanted.emit)
 
     def event(self, event: QEvent) -> bool:
         """Place the readout again where the card or one of its texts has another width."""
@@ -270,9 +304,14 @@ def export_button(title: str, tip: str, copy: Callable[[], object], save: Callab
     tool.setFixedSize(style.CONTROL_HEIGHT, style.TITLE_HEIGHT)  # no higher than a title: titles of cards are level
     tool.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
     menu = QMenu(tool)
-    menu.addAction("Copy picture", copy)
-    for kind in ("PNG", "SVG", "CSV"):
-        menu.addAction(f"Save {kind} \u2026", partial(save, kind.lower()))
+    add_exports(menu, copy, save)
     tool.setMenu(menu)
     tool.setFocusPolicy(Qt.FocusPolicy.TabFocus)
     return tool
+
+
+def add_exports(menu: QMenu, copy: Callable[[], object], save: Callable[[str], object]) -> None:
+    """Add the actions that copy and save a picture; `save` is a function of the suffix."""
+    menu.addAction("Copy picture", copy)
+    for kind in ("PNG", "SVG", "CSV"):
+        menu.addAction(f"Save {kind} \u2026", partial(save, kind.lower()))

@@ -243,6 +243,8 @@ class ShadowPane(QWidget):
         tool = export_button("the shadow", "Copy or save this picture; show its frame time", copy, self._ask_save)
         tool.menu().addSeparator()
         tool.menu().addAction(self.frame_time)
+        self.view.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
+        self.view.customContextMenuRequested.connect(lambda at: tool.menu().popup(self.view.mapToGlobal(at)))
         return tool
 
     def _ask_save(self, suffix: str) -> None:

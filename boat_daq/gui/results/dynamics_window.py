@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QDialog, QWidget
 from analysis.elongation_control.dynamic_figures import BODE_HEADINGS, STEP_HEADINGS, DynamicCalibration
 from boat_daq.gui import style
 from boat_daq.gui.plotting.axes import LogAxis, TickAxis
-from boat_daq.gui.plotting.plot import Plot, ThemeColour, sensor_colour
+from boat_daq.gui.plotting.plot import Plot, PlotBox, ThemeColour, sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
@@ -52,7 +52,8 @@ class BodeCard(PlotCard):
 
     def _add(self, title: str, unit: str, x_title: str) -> Plot:
         bottom = LogAxis("bottom", lambda hz: f"{hz:g}")
-        item = pg.PlotItem(axisItems={"left": TickAxis("left"), "bottom": bottom}, enableMenu=False)
+        axes = {"left": TickAxis("left"), "bottom": bottom}
+        item = pg.PlotItem(viewBox=PlotBox(), axisItems=axes, enableMenu=False)
         self.view.addItem(item, row=len(self.plots), col=0)
         plot = Plot(item, title, unit, x_title=x_title, x_unit="Hz" if x_title else "")
         self.plots.append(plot)

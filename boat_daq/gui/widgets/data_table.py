@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
 
-from PySide6.QtCore import Qt
-from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QTableView, QTableWidget, QTableWidgetItem
+from PySide6.QtCore import QPoint, Qt
+from PySide6.QtGui import QGuiApplication, QResizeEvent
+from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QMenu, QTableView, QTableWidget, QTableWidgetItem
 
+from boat_daq.formatting import THIN
 from boat_daq.gui import style
 from boat_daq.gui.widgets.controls import as_words
+from boat_daq.viewmodels.common import tables
+from protocol.base.units import MINUS
 
 Cell = str | tuple[str, str]
 """A text, or a text with its tooltip."""
@@ -76,11 +81,60 @@ class DataTable(QTableWidget):
 
 
 def dress(table: QTableView, name: str) -> None:
-    """Give `table` its name for a screen reader and the look of every table: rows without grid and numbers."""
+    """Give `table` its name, the look of every table (rows without grid and numbers), and the menu of every table."""
     table.setAccessibleName(name)
+    if table.contextMenuPolicy() is Qt.ContextMenuPolicy.DefaultContextMenu:
+        table.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
+        table.customContextMenuRequested.connect(partial(_open_menu, table))
     table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
     table.setShowGrid(False)
     table.verticalHeader().hide()
     table.verticalHeader().setDefaultSectionSize(style.CONTROL_HEIGHT - style.STEP)
     table.horizontalHeader().setHighlightSections(False)
     table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+
+
+def _open_menu(table: QTableView, at: QPoint) -> None:
+    menu = QMenu(table)
+    menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+    add_exports(menu, table)
+    menu.popup(table.viewport().mapToGlobal(at))
+
+
+def add_exports(menu: QMenu, table: QTableView) -> None:
+    """Add the actions that copy the chosen rows or the whole table, and save it."""
+    chosen = sorted({index.row() for index in table.selectionModel().selectedRows()})
+    rows = list(range(table.model().rowCount()))
+    copy = menu.addAction("Copy rows" if chosen else "Copy table", partial(_copy, table, chosen or rows))
+    copy.setEnabled(bool(rows))
+    owner = table.parentWidget()
+    while owner is not None and not hasattr(owner, "save_table"):  # the main window, which asks for the file
+        owner = owner.parentWidget()
+    if owner is not None:
+        menu.addAction("Save CSV \u2026", partial(owner.save_table, table)).setEnabled(bool(rows))
+
+
+def _cells(table: QTableView, rows: Sequence[int]) -> tuple[list[str], list[list[str]]]:
+    """Return the headings and the texts of some rows, hidden columns left out."""
+    model, shown = table.model(), [k for k in range(table.model().columnCount()) if not table.isColumnHidden(k)]
+    names = [str(model.headerData(k, Qt.Orientation.Horizontal) or f"column {k + 1}") for k in shown]
+    return names, [[str(model.index(i, k).data() or "") for k in shown] for i in rows]
+
+
+def _copy(table: QTableView, rows: Sequence[int]) -> None:
+    names, cells = _cells(table, rows)
+    QGuiApplication.clipboard().setText("\n".join("\t".join(row) for row in [names, *cells]))
+
+
+def save_table(table: QTableView, path: Path) -> None:
+    """Save all rows of a table as CSV; what is a number as one."""
+    names, cells = _cells(table, range(table.model().rowCount()))
+    tables.save_csv(path, tables.by_column(names, [[_number_or_text(text) for text in row] for row in cells]))
+
+
+def _number_or_text(text: str) -> float | str:
+    """Return the number that a text shows, with a typographic minus and thin spaces; else the text."""
+    try:
+        return float(text.replace(MINUS, "-").replace(THIN, "").replace("\u00a0", ""))
+    except ValueError:
+        return text

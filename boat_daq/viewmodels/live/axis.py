@@ -109,6 +109,13 @@ def time_step(span_s: float) -> float:
     return float(next((step for step in TIME_STEPS_S if step >= wanted), TIME_STEPS_S[-1]))
 
 
+def next_step(step: float, *, time: bool = False) -> float:
+    """Return the next larger spacing of ticks."""
+    if time and step >= 1:
+        return float(next((wider for wider in TIME_STEPS_S if wider > step), 2 * step))
+    return rung(1.5 * step)
+
+
 def clock_unit(low_s: float, high_s: float) -> str:
     """Return what all labels of a time axis from `low_s` to `high_s` show: s, min:s or h:min:s."""
     if time_step(high_s - low_s) < 1:

@@ -253,7 +253,7 @@ class LiveModel:
             self.frozen_s = (middle - half, middle + half)
 
     def span_s(self) -> tuple[float, float]:
-        """Return the horizontal range, s."""
+        """Return the horizontal range, s: from the first sample on until its right edge is reached, then the newest."""
         if self.frozen_s is not None:
             return self.frozen_s
         now = self.now_s()
@@ -263,7 +263,7 @@ class LiveModel:
             ring = self.ring()
             first = float(ring.draw(max_points=4)["time_s"][0]) if ring is not None else 0.0
             return first, max(now, first + 1.0)
-        return now - self.window_s, now
+        return max(0.0, now - self.window_s), max(now, self.window_s)
 
     def frame(self, width: int) -> PlotFrame | None:
         """Return the frame for `width` pixels; None before the first sample."""
@@ -292,9 +292,9 @@ class LiveModel:
         return added if known and all(inside) else None
 
     def _shown_s(self, width: int) -> tuple[float, float]:
-        """Return the horizontal range on `width` pixels: while following it ends with a whole column."""
+        """Return the horizontal range on `width` pixels: while it moves it ends with a whole column."""
         low, high = self.span_s()
-        if not self.following or math.isinf(self.window_s):
+        if not self.following or math.isinf(self.window_s) or low == 0.0:
             return low, high
         ahead = -high % ((high - low) / max(width, 1))
         return low + ahead, high + ahead

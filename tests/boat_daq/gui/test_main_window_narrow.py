@@ -39,8 +39,9 @@ def test_enlarged_screen_shows_what_matters(make, qtbot, size, theme):
         assert widget.isVisible()
         assert window.rect().contains(corner), widget.accessibleName()
     assert window.live.figures["kpa"].note.text() == "→ +30.0"
-    (plot,) = window.live.plots.rows
-    assert plot.item.getViewBox().height() >= 150  # the data alone, under title and controls
+    rows = window.live.plots.rows
+    assert [plot.title for plot in rows] == ["Sensor 1", "Pressure"]
+    assert sum(plot.item.getViewBox().height() for plot in rows) >= 140  # the data alone, under title and controls
     assert isinstance(window.grab().toImage(), QImage)
 
 

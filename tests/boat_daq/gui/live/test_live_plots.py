@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from PySide6.QtCore import QEvent, QPoint, QPointF, Qt
+from PySide6.QtGui import QWheelEvent
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QApplication,
@@ -21,24 +22,37 @@ from protocol.recording import sample_dtype
 from tests.boat_daq.gui.windows import run_shortcut
 
 
-def test_titles_are_whole_at_any_height(live):
-    """Beside an axis that is long enough, else in the corner of the plot: full names, and no title meets another."""
-    plots, upright = live.live.plots, set()
+def test_titles_are_in_the_gutter_at_any_height(live):
+    """Truth: the places on the screen. No title is on data, on another title or on a label of its axis."""
+    plots, lines = live.live.plots, set()
+    live.model.live.inverse = lambda mv: LiveElongation(
+        (mv[:, 0] - 1638) / 40, np.full(len(mv), 0.1), np.zeros(len(mv), bool)
+    )
     for height in range(520, 1001, 80):  # where a title fits depends on the system's font
         live.resize(1280, height)
         QApplication.processEvents()
         live.refresh()
         live.draw()
-        titles = [plot.item.getAxis("left").label for plot in plots.rows]
-        assert titles[0].toPlainText().strip() == "Sensor 1 (mV)"
+        titles = [plot.left.label for plot in plots.rows]
+        assert " ".join(titles[0].toPlainText().split()) == "Sensor 1 (mV)"
         places = [title.mapRectToScene(title.boundingRect()) for title in titles]
         assert not any(a.intersects(b) for a, b in pairwise(places))
-        upright |= {title.rotation() for title in titles}
-    assert upright == {0.0, -90.0}
+        for plot, place in zip(plots.rows, places, strict=True):
+            data = plot.item.getViewBox().sceneBoundingRect()
+            widest = max(plot.left._label(t).size().width() for t in plot.left.tickStrings(*_ticks(plot.left)))
+            assert place.right() + widest <= data.left()
+        lines |= {title.toPlainText().count("\n") for title in titles}
+    assert lines == {0, 1}
+
+
+def _ticks(ruler):
+    """Return values, scale and step of an axis's labels."""
+    ((step, values),) = ruler.tickValues(*ruler.range, ruler.size().height())
+    return values, 1.0, step
 
 
 def test_low_window_shows_fewer_plots_and_a_choice(live):
-    """Four plots of 20 px show nothing: some are shown, high enough, and the others are a choice away."""
+    """Four plots of 20 px show nothing: some are shown, high enough, pressure always; the others are a choice away."""
     plots = live.live.plots
     live.resize(840, 500)
     plots.view.setFixedHeight(style.ROW_LOW * 2 + style.AXIS_HEIGHT)
@@ -46,9 +60,13 @@ def test_low_window_shows_fewer_plots_and_a_choice(live):
     plots.arrange()
     live.draw()
     assert plots.first_row.isVisible()
-    assert [plot.title for plot in plots.rows] == ["Sensor 1", "Sensor 2"]
+    assert [plot.title for plot in plots.rows] == ["Sensor 1", "Pressure"]
     plots.first_row.setCurrentIndex(2)
     plots.first_row.activated.emit(2)
+    assert [plot.title for plot in plots.rows] == ["Sensor 2", "Pressure"]
+    plots.view.setFixedHeight(style.ROW_LOW)
+    QApplication.processEvents()
+    plots.arrange()
     assert [plot.title for plot in plots.rows] == ["Sensor 2", "Pressure"]
     assert plots.rows[-1].item.getAxis("bottom").labelText == "Time (min:s)"
 
@@ -166,6 +184,89 @@ def test_cursors_show_statistics(live):
     assert not live.live.spans.isVisible()
 
 
+def menu_of(live, plot, x: float) -> dict:
+    """Return the actions of the menu that a right click on a plot opens, at a time."""
+    box, plots = plot.item.getViewBox(), live.live.plots
+    at = plots.view.mapFromScene(box.mapViewToScene(QPointF(x, sum(box.viewRange()[1]) / 2)))
+    plots.view.customContextMenuRequested.emit(at)
+    menu = QApplication.activePopupWidget()
+    menu.close()
+    return {action.text().partition(" (")[0]: action for action in menu.actions() if action.text()}
+
+
+def test_right_click_places_cursors_hides_and_parts_plots(live):
+    """Truth: the time under the mouse, and the plots that are left; each change of the layout can be undone."""
+    live.refresh()
+    live.draw()
+    plots = live.live.plots
+    menu_of(live, plots.pressure, 270.0)["Cursor A here"].trigger()
+    actions = menu_of(live, plots.pressure, 280.0)
+    actions["Cursor B here"].trigger()
+    assert plots.model.cursors_s == pytest.approx({"a": 270.0, "b": 280.0}, abs=0.2)
+    assert {"Copy picture", "Save CSV \u2026", "Autoscale", "Zoom to a box"} <= set(actions)
+    menu_of(live, plots.pressure, 270.0)["Remove cursors"].trigger()
+    assert plots.model.cursors_s == {}
+    actions["Hide Pressure"].trigger()
+    assert [plot.title for plot in plots.rows] == ["Sensor 1", "Sensor 2"]
+    menu_of(live, plots.first, 270.0)["Show Pressure"].trigger()
+    live.live.toggle_together()
+    menu_of(live, plots.first, 270.0)["Own axis: Sensor 2"].trigger()
+    assert (plots.first.title, plots.first.right._title) == ("Sensor 1", "Sensor 2")
+    menu_of(live, plots.first, 270.0)["Own plot: Sensor 2"].trigger()
+    assert [plot.title for plot in plots.rows] == ["Sensor 1", "Sensor 2", "Pressure"]
+
+
+def _drag(view, begin, end):
+    QTest.mouseMove(view.viewport(), begin)
+    QTest.mousePress(view.viewport(), Qt.MouseButton.LeftButton, pos=begin)
+    for share in (0.3, 0.7, 1.0):
+        QTest.mouseMove(view.viewport(), begin + (end - begin) * share)
+        QTest.qWait(20)
+    QTest.mouseRelease(view.viewport(), Qt.MouseButton.LeftButton, pos=end)
+
+
+def test_box_zooms_time_and_height_and_a_double_click_shows_all(live):
+    """Truth: the corners of the box, in seconds and kilopascal; other plots keep their heights."""
+    live.frame_timer.stop()
+    live.refresh()
+    live.draw()
+    plots = live.live.plots
+    box, heights = plots.pressure.item.getViewBox(), plots.first.item.getViewBox().viewRange()[1]
+    corners = [plots.view.mapFromScene(box.mapViewToScene(QPointF(*at))) for at in ((260.0, 30.0), (280.0, -10.0))]
+    menu_of(live, plots.pressure, 270.0)["Zoom to a box"].trigger()
+    _drag(plots.view, *corners)
+    live.draw()
+    assert live.model.live.span_s() == pytest.approx((260.0, 280.0), abs=0.3)
+    assert box.viewRange()[1] == pytest.approx([-10.0, 30.0], abs=2.5)  # of about 1.1 kPa a pixel
+    assert plots.first.item.getViewBox().viewRange()[1] == heights
+    box.autoscale_wanted.emit()
+    live.draw()
+    assert live.model.live.following
+    assert box.viewRange()[1][1] >= 50.0
+
+
+def test_wheel_on_the_left_axis_zooms_in_height_and_follows_on(live):
+    """The plot is scaled about the mouse, and the time goes on."""
+    live.frame_timer.stop()
+    live.refresh()
+    live.draw()
+    box = live.live.plots.pressure.item.getViewBox()
+    low, high = box.viewRange()[1]
+    ruler = live.live.plots.pressure.left
+    view = live.live.plots.view
+    middle = view.mapFromScene(ruler.sceneBoundingRect().center())
+    on_screen = view.viewport().mapToGlobal(QPointF(middle))
+    wheel = QWheelEvent(
+        QPointF(middle), on_screen, QPoint(), QPoint(0, 120), Qt.MouseButton.NoButton,
+        Qt.KeyboardModifier.NoModifier, Qt.ScrollPhase.NoScrollPhase, False,
+    )  # fmt: skip
+    QApplication.sendEvent(view.viewport(), wheel)
+    live.draw()
+    zoomed = box.viewRange()[1]
+    assert low < zoomed[0] < zoomed[1] < high
+    assert live.model.live.following
+
+
 def test_panning_stops_following(live):
     """A pan with the mouse shows the past: following ends until it is requested again."""
     live.draw()
@@ -215,3 +316,21 @@ def test_appended_frame_equals_the_frame_drawn_whole(live):
     assert 1 <= len(np.unique(np.nonzero(still != continued)[1])) <= 2
     assert len(np.unique(np.nonzero(continued != anew)[1])) <= 2
     assert np.count_nonzero(continued != anew) < np.count_nonzero(still != anew)
+
+
+def test_prediction_adds_no_empty_axes_and_names_its_dashed_line(live):
+    """The differences are hidden until chosen: their axes were left in the view, blank and without a name."""
+    live.refresh()
+    live.draw()
+    plots = live.live.plots
+
+    def predicted(kpa):
+        return np.column_stack([1650 + 2 * kpa] * 2), np.full((kpa.size, 2), 5.0)
+
+    live.model.live.prediction = predicted
+    live.refresh()
+    plots._whole_until_s = -math.inf
+    live.draw()
+    assert set(plots.view.ci.items) == {plot.item for plot in plots.rows}
+    assert [plot.title for plot in plots.rows] == ["Sensor 1", "Sensor 2", "Pressure"]
+    assert plots.readout.text() == "\u2504 predicted, band 95 %"

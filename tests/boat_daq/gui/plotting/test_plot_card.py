@@ -8,7 +8,6 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPointF
 from PySide6.QtGui import QGuiApplication, QImage
 from PySide6.QtWidgets import QApplication, QToolButton
 
@@ -213,21 +212,43 @@ def test_title_and_readout_of_a_card_are_never_cut(qtbot):
     assert beside == [True, False, True]
 
 
-@pytest.mark.parametrize(("height", "in_corner"), [(110, True), (500, False)])
-def test_a_title_in_the_corner_covers_no_point(qtbot, height: int, *, in_corner: bool) -> None:
-    """A plot too low for its title beside the axis is fitted with the points below the title."""
-    card = PlotCard("Sensor 1")
+@pytest.mark.parametrize(("width", "height"), [(220, 110), (300, 110), (700, 400)])
+def test_labels_and_titles_never_collide(qtbot, width: int, height: int) -> None:
+    """Truth: the places at which labels are painted. Ticks are at 1-2-5, at least two of them on each axis."""
+    card = PlotCard("Loop")
     qtbot.addWidget(card)
-    plot = card.add("Residual", "mV", x_title="Elongation", x_unit="mm")
-    points = plot.points("Residual", lambda theme: theme.target)
+    plot = card.add("Elongation of the actuator", "mm", x_title="Pressure", x_unit="kPa")
+    points = plot.points("Points", lambda theme: theme.target)
     card.paint_theme(style.LIGHT)
-    card.resize(300, height)
+    card.resize(width, height)
     card.show()
     QApplication.processEvents()
-    points.set(np.arange(4.0), np.array([10.0, -10.0, 9.0, 10.0]))
+    points.set(np.linspace(-1200.0, 3140.0, 8), np.linspace(-10.0, 10.0, 8))
     plot.fit()
-    view = plot.item.getViewBox()
-    highest = view.mapViewToScene(QPointF(0.0, 10.0)).y()
-    title = plot.left.label.sceneBoundingRect()
-    assert (plot.left.covered > 0) is in_corner
-    assert not in_corner or highest > title.bottom()
+    QApplication.processEvents()
+    ends = -np.inf
+    step, values, places = plot.bottom._ticks()
+    assert step in (500.0, 1000.0, 2000.0, 5000.0)
+    for place, text in zip(places, plot.bottom.tickStrings(values, 1.0, step), strict=True):
+        wide = plot.bottom._label(text).size().width()
+        assert place - wide / 2 > ends
+        ends = place + wide / 2
+    assert len(values) >= 1
+    title = plot.left.label.mapRectToScene(plot.left.label.boundingRect())
+    assert title.right() <= plot.left.sceneBoundingRect().right() - 24
+    assert plot.left.sceneBoundingRect().adjusted(-1, -1, 1, 1).contains(title)
+
+
+def test_cursor_of_a_plot_shows_the_value_of_its_curve(qtbot) -> None:
+    """Truth: y = 2 x + 1 at the cursor, interpolated between its points; it is moved, then taken away."""
+    card = PlotCard("Line")
+    qtbot.addWidget(card)
+    plot = card.add("Elongation", "mm", x_title="Pressure", x_unit="kPa")
+    plot.curve("Line", lambda theme: theme.target).set(np.array([0.0, 10.0]), np.array([1.0, 21.0]))
+    card.paint_theme(style.LIGHT)
+    plot.place_cursor(2.5)
+    assert plot.cursor.label.textItem.toPlainText() == "6 mm at 2.5 kPa"
+    plot.cursor.setValue(20.0)
+    assert plot.cursor.label.textItem.toPlainText() == "20 kPa"
+    plot.remove_cursor()
+    assert plot.cursor is None

@@ -54,6 +54,16 @@ def test_following_and_looking_back(ring):
     assert model.span_s() == pytest.approx((539.99, 599.99))
 
 
+def test_plots_fill_from_the_left(ring):
+    """The time begins at the first sample and stands still until the picture is full, then follows the newest one."""
+    first, second = filled_ring(25.0), filled_ring(70.0)
+    short, long = LiveModel(lambda: first, window_s=60.0), LiveModel(lambda: second, window_s=60.0)
+    assert short.span_s() == (0.0, 60.0)
+    assert short._shown_s(733) == (0.0, 60.0)
+    assert long.span_s() == pytest.approx((9.99, 69.99))
+    assert LiveModel(lambda: ring, window_s=math.inf).span_s() == pytest.approx((0.0, 599.99))
+
+
 def append(ring, time_s, *, s1_mv):
     """Add one sample to a filled ring."""
     sample = np.zeros(1, sample_dtype(2, "signal"))
@@ -64,7 +74,7 @@ def append(ring, time_s, *, s1_mv):
 
 def test_plot_moves_by_whole_columns_and_appends_between():
     """In between, what is drawn on begins where the picture ended and holds every newer sample, inside its ranges."""
-    ring = filled_ring(60.0)
+    ring = filled_ring(61.0)
     model, now_s = LiveModel(lambda: ring, window_s=60.0), ring.view(last=1)["time_s"][0]
     drawn, moved, added = model.frame(800), 0, 0
     model.ranges(drawn, 0.0)

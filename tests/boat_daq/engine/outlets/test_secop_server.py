@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import dataclasses
 import json
+import re
 import socket
 import sys
 import threading
@@ -27,6 +28,7 @@ from boat_daq.engine.snapshot import SessionState
 from protocol.base.errors import RequestError
 from protocol.recording import BoardState
 from tests.boat_daq.engine.served_board import serve_in_thread
+from tests.docs.pages import ROOT, block
 
 TOKEN = "0123456789abcdef"
 
@@ -133,10 +135,37 @@ def test_the_client_of_frappy_reads_and_drives(session: Session, server: SecopSe
         while client.cache["pressure", "value"][0] < 6.5 and time.monotonic() < deadline:
             time.sleep(0.05)
         assert client.cache["pressure", "value"][0] == pytest.approx(8, abs=1.5)
-        client.execCommand("vent", next(iter(client.modules["vent"]["commands"])))
+        client.execCommand("vent", "vent")
         session.wait(lambda s: s.last.state is BoardState.VENTED, 5)
     finally:
         client.disconnect()
+
+
+PAGE = "docs/how-to/stream-live.md"
+
+
+def test_the_program_of_the_page_drives_and_vents(
+    session: Session, server: SecopServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Word for word, but for the port."""
+    pytest.importorskip("frappy.client", reason="frappy-core is not installed")
+    (tmp_path / "token.txt").write_text(f"{TOKEN}\n", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    exec(block(PAGE, "drive.py").replace("10767", str(server.port)), {})
+    session.wait(lambda s: s.last.state is BoardState.VENTED, 5)
+
+
+def test_replies_are_those_of_the_page(session: Session, server: SecopServer) -> None:
+    """Each line of its table, with its reply."""
+    table = (ROOT / PAGE).read_text(encoding="utf-8").partition("reply begins with")[2].partition("\n\n")[0]
+    rows = re.findall(r"^\| `(.+)` \| `(.+)` \|$", table, re.MULTILINE)
+    assert rows[-1][0] == "do vent:_vent"
+    client = Client(server.port)
+    for line, reply in rows:
+        client.send(line.replace("TOKEN", TOKEN))
+        assert client.line().startswith(reply)
+    client.close()
+    session.wait(lambda s: s.last.state is BoardState.VENTED, 5)
 
 
 @pytest.fixture

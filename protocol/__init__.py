@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from protocol.link.connection import Connection as Connection
     from protocol.link.events import BoardEventReceived as BoardEventReceived
     from protocol.link.events import BoardRestarted as BoardRestarted
+    from protocol.link.events import ClockWentBack as ClockWentBack
     from protocol.link.events import CommandDone as CommandDone
     from protocol.link.events import CommandLost as CommandLost
     from protocol.link.events import HelloReceived as HelloReceived
@@ -68,6 +69,7 @@ _NAMES = {  # by module
     "link.events": (
         "BoardEventReceived",
         "BoardRestarted",
+        "ClockWentBack",
         "CommandDone",
         "CommandLost",
         "HelloReceived",

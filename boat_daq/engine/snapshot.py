@@ -80,6 +80,7 @@ class MessageKind(enum.StrEnum):
     UNDER_PRESSURE = "under_pressure"
     BOARD_FAULT = "board_fault"
     BOARD_RESTARTED = "board_restarted"
+    BOARD_CLOCK = "board_clock"
     BOARD_OVER_PRESSURE = "board_over_pressure"
     BOARD_UNDER_PRESSURE = "board_under_pressure"
     BOARD_HEARTBEAT_LOST = "board_heartbeat_lost"

@@ -55,6 +55,13 @@ class BoardRestarted:
 
 
 @dataclass(frozen=True, slots=True)
+class ClockWentBack:
+    """The board's clock went back by `by_us` while the index continued: a new segment begins."""
+
+    by_us: int
+
+
+@dataclass(frozen=True, slots=True)
 class BoardEventReceived:
     """An event of the board; `time_us` is its time on the unwrapped clock of the samples."""
 
@@ -85,6 +92,7 @@ LinkEvent = (
     | HelloReceived
     | WrongProtocol
     | BoardRestarted
+    | ClockWentBack
     | BoardEventReceived
     | CommandDone
     | CommandLost

@@ -10,7 +10,7 @@ Both kinds of link pass arrays of `recording.sample_dtype` in order of arrival, 
 - **A restart without these** (messages lost, or a false forward step): 16 samples in a row, each index one above the
   last, while the clock continues from the last sample kept. Repeats differ by their old clock. The 16 are kept.
 - **Time** is unwrapped by the smallest step; over a gap that may hold wraps, by the number that fits the sampling
-  period best. A clock that runs backward is kept and flagged.
+  period best. A clock that goes back begins a segment once two samples show it; one alone is kept and flagged.
 - Only the board's bytes count, not commands, the host's clock or chunks: the same bytes give the same samples.
 """
 
@@ -21,12 +21,13 @@ from typing import Any
 import numpy as np
 
 from protocol.base.arrays import BoolArray, IntArray
-from protocol.link.events import BoardRestarted, LinkEvent, SampleGap, Samples
+from protocol.link.events import BoardRestarted, ClockWentBack, LinkEvent, SampleGap, Samples
 from protocol.recording import SampleFlag
 
 WRAP = 1 << 32
 NO_WRAP = 1 << 62
 RESTART_RUN = 16  # late samples in a row that prove a new stream
+WRAP_TOLERANCE_US = 2_000_000  # between the index and a clock that wrapped; more is a clock that was set
 PRESSURE_MAX_PA = 1_000_000.0  # ten times what a soft actuator is driven with
 PRESSURE_MIN_PA = -110_000.0  # below vacuum: no gauge pressure at all
 DARK_EXCESS = 1 / 256  # of full scale: noise near zero signal is far smaller
@@ -107,6 +108,8 @@ class SampleStream:
         self._may_restart = False
         self._started = False  # a START was answered, its first sample is pending
         self._held: list[Rows] = []  # late samples that may prove a restart
+        self._doubtful: tuple[Rows, int] | None = None  # newest sample, its index step: its clock may have gone back
+        self._before: tuple[int, int] | None = None  # raw time of the sample before the last, and index steps since
         self._no_neighbour = True  # the next sample begins a stream: the time before it is not a sampling period
         self._lost_at_start = 0  # samples of a new stream before the first that arrived
         self.samples = 0
@@ -116,13 +119,20 @@ class SampleStream:
     def state(self) -> dict[str, Any]:
         """Return the memory of the samples so far, without the counters, ready for JSON."""
         held = [row.tobytes().hex() for row in self._held]
-        return {**{name: getattr(self, f"_{name}") for name in _REMEMBERED}, "held": held}
+        doubtful = None if self._doubtful is None else (self._doubtful[0].tobytes().hex(), self._doubtful[1])
+        remembered = {name: getattr(self, f"_{name}") for name in _REMEMBERED}
+        return {**remembered, "held": held, "doubtful": doubtful, "before": self._before}
 
     def restore(self, state: dict[str, Any], dtype: np.dtype[np.void]) -> None:
         """Continue from the `state` of another stream; `dtype` is that of its samples."""
         for name in _REMEMBERED:
             setattr(self, f"_{name}", state[name])
         self._held = [np.frombuffer(bytes.fromhex(row), dtype) for row in state["held"]]
+        if state.get("doubtful"):  # both are missing from older recordings
+            row, step = state["doubtful"]
+            self._doubtful = np.frombuffer(bytes.fromhex(row), dtype), step
+        if state.get("before"):
+            self._before = state["before"][0], state["before"][1]
 
     @property
     def counters(self) -> dict[str, int]:
@@ -147,6 +157,8 @@ class SampleStream:
     def accept(self, rows: Rows) -> list[LinkEvent]:
         """Return the gaps and the samples to keep; `rows` (raw index and time) is changed in place."""
         events: list[LinkEvent] = []
+        if self._may_restart and len(rows):
+            self._end_doubt(events)
         if self._order is None or self._may_restart:
             rows = self._without_repeats(rows)
             if len(rows):
@@ -171,8 +183,7 @@ class SampleStream:
             rows["index"] = np.arange(self._number, self._number + len(rows))
             self._number += len(rows)
             steps = np.ones(len(rows), np.int64)
-        self._unwrap(rows, steps)
-        self._count(rows, steps, events)
+        self._deliver(rows, steps, events)
         return events
 
     def _orders(self, rows: Rows) -> IntArray:
@@ -208,27 +219,95 @@ class SampleStream:
         if self._order is None or _wrapped(raw_time - self._raw_time, self._time_wrap) < 0:
             self._time = self._raw_time = raw_time
         self._order = int(self._orders(rows)[0]) - 1
-        self._number = self._period = 0
-        self._no_neighbour = True
+        self._number = 0
+        self._new_clock()
 
-    def _unwrap(self, rows: Rows, steps: IntArray) -> None:
+    def _new_clock(self) -> None:
+        self._period, self._no_neighbour, self._before = 0, True, None
+
+    def _deliver(self, rows: Rows, steps: IntArray, events: list[LinkEvent], *, last: bool = False) -> None:
+        """Unwrap and count samples to keep; a new clock begins where it went back. `last`: nothing more can show it."""
+        if self._doubtful is not None:
+            (row, step), self._doubtful = self._doubtful, None
+            rows, steps = np.concatenate([row, rows]), np.concatenate(([step], steps))
+        while len(rows):
+            neighbours = steps == 1
+            neighbours[0] &= not self._no_neighbour
+            elapsed, back = self._elapsed(rows, steps, neighbours, last=last)
+            if back:
+                self._unwrap(rows[:back], steps[:back], neighbours[:back], elapsed[:back])
+                self._count(rows[:back], steps[:back], events)
+            if back + 1 >= len(rows):
+                if back < len(rows):
+                    self._doubtful = rows[back:].copy(), int(steps[back])
+                    self._order = int(rows["index"][back])
+                return
+            by_us = int(-elapsed[back] if elapsed[back] < 0 else self._raw_time - rows["time_us"][back])
+            events.append(ClockWentBack(by_us))
+            self._time, self._raw_time = self._time - by_us, int(rows["time_us"][back])
+            self._new_clock()
+            rows, steps = rows[back:], steps[back:]
+
+    def _end_doubt(self, events: list[LinkEvent]) -> None:
+        """Deliver the newest sample: nothing that follows shows that its clock went back."""
+        if self._doubtful is not None:
+            (row, step), self._doubtful = self._doubtful, None
+            self._deliver(row.copy(), np.array([step]), events, last=True)
+
+    def _elapsed(self, rows: Rows, steps: IntArray, neighbours: BoolArray, *, last: bool) -> tuple[IntArray, int]:
+        """Return the board time before each sample, and the first sample whose clock has, or may have, gone back."""
+        raw = rows["time_us"]
+        elapsed = _differences(raw, self._raw_time)
+        if elapsed.min() >= 0 and elapsed.max() < self._time_wrap // 2 and neighbours.all():
+            return elapsed, len(rows)
+        fell = elapsed < 0
+        elapsed = _wrapped(elapsed, self._time_wrap)
+        at = np.maximum.accumulate(np.where(neighbours, np.arange(len(rows)), -1))
+        periods = np.where(at >= 0, elapsed[at], self._period).astype(np.float64)
+        gaps = np.flatnonzero(steps > 1)
+        wraps = np.rint((steps[gaps] * periods[gaps] - elapsed[gaps]) / self._time_wrap)
+        elapsed[gaps] += np.maximum(wraps, 0).astype(np.int64) * self._time_wrap
+        if self._indexed and not last:
+            before = np.concatenate(([self._period], periods[:-1]))  # known before each sample
+            expected = steps * before
+            strange = fell & (before > 0) & (np.abs(elapsed - expected) > np.maximum(WRAP_TOLERANCE_US, expected / 2))
+            for back in np.flatnonzero((elapsed < 0) | strange).tolist():
+                if self._goes_back(raw, steps, back, float(before[back])):
+                    return elapsed, back
+        return elapsed, len(rows)
+
+    def _goes_back(self, raw: IntArray, steps: IntArray, at: int, period: float) -> bool:
+        """Return whether the clock goes back at a sample: not for one sample alone, nor after one that was ahead.
+
+        True for the newest sample if only the next one can tell.
+        """
+        here, step = int(raw[at]), int(steps[at])
+        previous = int(raw[at - 1]) if at else self._raw_time
+        if at + 1 < len(raw) and self._continues(previous, int(raw[at + 1]), (step + int(steps[at + 1])) * period):
+            return False
+        before = self._before
+        if at:
+            before = (int(raw[at - 2]) if at > 1 else self._raw_time), int(steps[at - 1])
+        return before is None or not self._continues(before[0], here, (before[1] + step) * period)
+
+    def _continues(self, raw_before: int, raw: int, expected: float) -> bool:
+        """Return whether a raw time follows another, over a wrap only as long after it as the index says."""
+        elapsed = _wrapped(raw - raw_before, self._time_wrap)
+        elapsed += max(round((expected - elapsed) / self._time_wrap), 0) * self._time_wrap
+        if raw >= raw_before or expected <= 0:
+            return bool(elapsed >= 0)
+        return bool(elapsed >= 0 and abs(elapsed - expected) <= max(WRAP_TOLERANCE_US, expected / 2))
+
+    def _unwrap(self, rows: Rows, steps: IntArray, neighbours: BoolArray, elapsed: IntArray) -> None:
         """Turn the raw times of kept samples into the unwrapped clock."""
         raw = rows["time_us"].copy()
-        elapsed = _differences(raw, self._raw_time)
-        neighbours = steps == 1
-        neighbours[0] &= not self._no_neighbour
         self._no_neighbour = False
-        if elapsed.min() < 0 or elapsed.max() >= self._time_wrap // 2 or not neighbours.all():
-            elapsed = _wrapped(elapsed, self._time_wrap)
-            gaps = np.flatnonzero(steps > 1)
-            before = np.maximum.accumulate(np.where(neighbours, np.arange(len(rows)), -1))[gaps]
-            periods = np.where(before >= 0, elapsed[before], self._period).astype(np.float64)
-            wraps = np.rint((steps[gaps] * periods - elapsed[gaps]) / self._time_wrap)
-            elapsed[gaps] += np.maximum(wraps, 0).astype(np.int64) * self._time_wrap
+        if elapsed.min() < 0:
             rows["flags"][elapsed < 0] |= np.uint16(SampleFlag.IMPLAUSIBLE)
         rows["time_us"] = self._time + np.cumsum(elapsed)
         if neighbours.any():
             self._period = int(elapsed[len(rows) - 1 - int(neighbours[::-1].argmax())])
+        self._before = (int(raw[-2]) if len(raw) > 1 else self._raw_time), int(steps[-1])
         self._raw_time = int(raw[-1])
         self._time = int(rows["time_us"][-1])
 
@@ -249,7 +328,7 @@ class SampleStream:
 
     def _restart_in(self, rows: Rows, late: BoolArray) -> int | None:
         """Hold the late samples back; return the row of the last of a run that proves a restart."""
-        raw_kept = self._raw_time
+        raw_kept = self._raw_time if self._doubtful is None else int(self._doubtful[0]["time_us"][0])
         for at in np.flatnonzero(late):
             row = rows[at : at + 1].copy()
             if at and not late[at - 1]:
@@ -284,6 +363,7 @@ class SampleStream:
         new = np.concatenate([*self._held, rows[restart + 1 :]])
         self._held = []
         events = self.accept(rows[: restart + 1][~late[: restart + 1]])
+        self._end_doubt(events)
         events.append(BoardRestarted(None))
         self._new_stream(new)
         self._unclaimed = int(new["index"][0]) if self._indexed else 0

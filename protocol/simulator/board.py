@@ -223,6 +223,8 @@ class VirtualBoard:
                 self._control.set_pressure_invalid(True)
             case "reset":
                 self._boot(int(fault.value))
+            case "clock_back":
+                self._clock_start_us -= round(1e6 * fault.value)
             case "beyond_limit":
                 self._pneumatics.pressure_kpa = fault.value
             case "slow_rate":

@@ -55,6 +55,7 @@ FAULTS: dict[str, FaultRow] = {
     "wrong_protocol": FaultRow(2, "version", "stays", "HELLO names that version of the protocol.", 0, 255),
     # the board
     "clock_wrap": FaultRow(0, "", "stays", "The 32-bit clock wraps at that time (it starts just short of 2^32)."),
+    "clock_back": FaultRow(5, "seconds", "stays", "The 32-bit clock goes back by that time.", 0, 4294),
     "drift_ppm": FaultRow(200, "ppm", "stays", "The board's clock is fast by that value; slow if negative.", -1e5, 1e5),
     "jitter": FaultRow(2, "ms", "stays", "Each sample is delayed by up to that time (at most 0.9 of its period)."),
     "slow_rate": FaultRow(62, "Hz", "stays", "The board samples at that rate, whatever START requested.", 1, 2e4),

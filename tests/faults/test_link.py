@@ -216,6 +216,35 @@ def test_board_reset_ends_the_run_in_a_new_segment(tmp_path: Path) -> None:
     assert found.rows("SELECT count(*) FROM event WHERE kind = 'run_ended'") == [(1,)]
 
 
+@pytest.mark.fault(62, how="`clock_back` by 100 s and `clock_wrap` in one recording, over a pty", times=1)
+def test_clock_that_goes_back_is_a_segment_of_true_duration(tmp_path: Path) -> None:
+    """An event with the time, a segment, and the duration and rate of both; a clock that wraps is neither."""
+    with drill(tmp_path, "clock_wrap@105", "clock_back@130:60", speed=50.0) as found:
+        seen = found.wait(lambda s: any(m.kind is MessageKind.BOARD_CLOCK for m in s.messages), 60)
+        found.wait(lambda s: s.recorded_s > 60 or s.recorded_s > seen.recorded_s + 20, 20)
+        run = found.close()
+    assert found.rows("SELECT value, segment FROM event WHERE kind = 'clock_back_us'") == [(60e6 - 10_000, 2)]
+    assert found.rows("SELECT reason FROM segment ORDER BY id") == [("opened",), ("clock went back",)]
+    info = summarise(found.path)
+    assert [s.rate_hz for s in info.segments] == pytest.approx([100.0, 100.0], abs=0.01)
+    assert info.duration_s == pytest.approx((info.samples - 2) / 100, abs=1e-6)
+    assert (info.gaps, info.lost_samples) == (0, 0)
+    assert (np.diff(run.time_s) > 0).all()
+    assert run.time_s[-1] == pytest.approx(info.duration_s, abs=2.0)
+
+
+@pytest.mark.fault(62, how="`clock_back` in a run under pressure, over a pty", times=1)
+def test_clock_that_goes_back_ends_a_run(tmp_path: Path) -> None:
+    """Dwells are timed by that clock: the unit is vented, and the fault names the clock."""
+    with drill(tmp_path, "clock_back@40:30", speed=20.0) as found:
+        found.start(LONG)
+        seen = found.wait(lambda s: s.state in OVER)
+        assert seen.state is SessionState.FAULT
+        assert any(m.kind is MessageKind.BOARD_CLOCK and "30 s" in m.cause for m in seen.messages)
+        found.wait(lambda _: found.vented(), 10)
+        found.close()
+
+
 @pytest.mark.fault(12, how="`silent` for 30 s in a run under pressure, over a pty", times=1)
 def test_silent_board_is_vented(tmp_path: Path) -> None:
     """The port stays open without data: a message, a VENT is sent, and the board executes it."""

@@ -25,7 +25,15 @@ from boat_daq.engine.sample_columns import Columns, columns, last_sample
 from boat_daq.engine.snapshot import LastSample, MessageKind, RunEnding, SessionState
 from protocol.base.errors import RequestError, cause_and_remedy
 from protocol.link import messages
-from protocol.link.events import BoardEventReceived, BoardRestarted, CommandDone, CommandLost, HelloReceived, Samples
+from protocol.link.events import (
+    BoardEventReceived,
+    BoardRestarted,
+    ClockWentBack,
+    CommandDone,
+    CommandLost,
+    HelloReceived,
+    Samples,
+)
 from protocol.recording import BoardState, SampleFlag
 
 BOOT_S = 0.2  # after the first HELLO: a second one, with no sample yet, is a boot
@@ -124,6 +132,8 @@ class Controller:
                     self._greet(hello)
                 case BoardRestarted(hello):
                     self._restarted(hello)
+                case ClockWentBack(by_us):
+                    self._clock_went_back(by_us / 1e6)
                 case _:
                     pass
 
@@ -387,6 +397,14 @@ class Controller:
             self.board.send(messages.Identify())
         else:
             self._greet(hello)
+
+    def _clock_went_back(self, by_s: float) -> None:
+        """End a run: its times, and all that the board times, are those of another clock."""
+        cause, remedy = f"the board's clock went back by {by_s:.3g} s", "check its supply and its firmware"
+        if self.pressurised or self.sequencer.state in (*_RUN, SessionState.FINISHING):
+            self._trip(Trip(MessageKind.BOARD_CLOCK, cause, remedy))
+        else:
+            self.board.note(MessageKind.BOARD_CLOCK, cause, "warning", remedy)
 
     def _answered(self, command: messages.Command, status: messages.AckStatus | int) -> None:
         if status != messages.AckStatus.DONE:

@@ -254,6 +254,9 @@ class RowMaker:
                 self._start_due = self._start_unanswered = False
                 reason = None if hello is None else hello.boot_reason
                 yield from self.event(host_ns, "board", "restarted", reason, "" if hello is None else str(hello))
+            case link.ClockWentBack(by_us):
+                yield from self.begin_segment("clock went back", host_ns, here=True)
+                yield from self.event(host_ns, "board", "clock_back_us", by_us, "")
             case link.CommandDone(Start() as command, _, AckStatus.DONE):
                 if not self._start_unanswered:
                     yield from self.begin_segment("started", host_ns, here=True)

@@ -41,6 +41,9 @@ class PlainDecoder:
     started: bool = False
     unclaimed: int = 0
     held: list[tuple] = field(default_factory=list)
+    doubtful: tuple[tuple, int] | None = None  # sample, step: whether its clock went back shows with the next one
+    previous: tuple[int, int] | None = None  # raw time of the sample before the last, index steps since
+    went_back: list[int] = field(default_factory=list)
 
     def receive(self, data: bytes) -> None:
         for byte in data:
@@ -102,6 +105,8 @@ class PlainDecoder:
     def _place(self, sample: tuple) -> None:
         index, raw = sample[:2]
         lost = 0
+        if self.may_restart:
+            self._settle(None)
         if self.last is None or self.may_restart:
             if self.last is not None and (index, raw) == self.last[:2]:
                 self.duplicates += 1
@@ -114,19 +119,59 @@ class PlainDecoder:
             elif started and self.unclaimed:
                 self.gaps.append((self.unclaimed, self.unclaimed, self.last[2]))
                 self.unclaimed = 0
-        step = signed(index - self.last[0])
+        step = signed(index - (self.last[0] if self.doubtful is None else self.doubtful[0][0]))
         if step <= 0:
             self._late(sample)
         else:
             self._drop_held()
-            self._keep(sample, step, lost)
+            self._settle((raw, step))
+            self._judge(sample, step, lost)
+
+    def _follows(self, before: int, raw: int, expected: float) -> bool:
+        elapsed = signed(raw - before)
+        elapsed += max(round((expected - elapsed) / WRAP), 0) * WRAP
+        far = abs(elapsed - expected) > max(2_000_000, expected / 2)
+        return elapsed >= 0 and not (raw < before and expected > 0 and far)
+
+    def _judge(self, sample: tuple, step: int, lost: int) -> None:
+        """Keep a sample, or wait for the next one where its clock may have gone back."""
+        raw, before = sample[1], self.last[1]
+        elapsed = signed(raw - before)
+        if step > 1:
+            elapsed += max(round((step * self.period - elapsed) / WRAP), 0) * WRAP
+        strange = (
+            raw < before
+            and self.period > 0
+            and abs(elapsed - step * self.period) > max(2_000_000, step * self.period / 2)
+        )
+        if elapsed < 0 or strange:
+            earlier = self.previous
+            if earlier is None or not self._follows(earlier[0], raw, (earlier[1] + step) * self.period):
+                self.doubtful = sample, step
+                return
+        self._keep(sample, step, lost)
+
+    def _settle(self, following: tuple[int, int] | None) -> None:
+        """Decide on the sample in doubt by the one that follows it; None: by nothing."""
+        if self.doubtful is None:
+            return
+        (sample, step), self.doubtful = self.doubtful, None
+        raw, before = sample[1], self.last[1]
+        if following is not None and not self._follows(before, following[0], (step + following[1]) * self.period):
+            elapsed = signed(raw - before)
+            if step > 1:
+                elapsed += max(round((step * self.period - elapsed) / WRAP), 0) * WRAP
+            self.went_back.append(-elapsed if elapsed < 0 else before - raw)
+            self.last = (self.last[0], raw, self.last[2] - self.went_back[-1])
+            self.period, self.fresh = 0, True
+        self._keep(sample, step, 0)
 
     def _begin_at(self, index: int, raw: int) -> None:
         if self.last is None or signed(raw - self.last[1]) < 0:
             self.last = ((index - 1) % WRAP, raw, raw)
         else:
             self.last = ((index - 1) % WRAP, *self.last[1:])
-        self.period, self.fresh = 0, True
+        self.period, self.fresh, self.previous = 0, True, None
 
     def _keep(self, sample: tuple, step: int, lost: int) -> None:
         index, raw, pressure, state, flags, lit, dark = sample
@@ -136,6 +181,7 @@ class PlainDecoder:
         elif not self.fresh:
             self.period = elapsed
         self.fresh = False
+        self.previous = self.last[1], step
         time = self.last[2] + elapsed
         lost += step - 1
         full = 1 << self.adc_bits
@@ -152,15 +198,17 @@ class PlainDecoder:
             before = self.held[-1]
             if (index - before[0]) % WRAP != 1 or signed(raw - before[1]) <= 0:
                 self._drop_held()
-        if signed(raw - self.last[1]) <= 0:
+        if signed(raw - (self.last[1] if self.doubtful is None else self.doubtful[0][1])) <= 0:
             self._drop_held()
             self.duplicates += 1
             return
         self.held.append(sample)
         if len(self.held) == 16:
             held, self.held = self.held, []
+            self._settle(None)
             self.restarts += 1
             self.unclaimed = held[0][0]
             self._begin_at(*held[0][:2])
             for kept in held:
-                self._keep(kept, 1, 0)
+                self._settle((kept[1], 1))
+                self._judge(kept, 1, 0)

@@ -49,15 +49,17 @@ def troubled_streams(draw: st.DrawFn) -> bytes:
     recent: list[bytes] = []
     for _ in range(draw(st.integers(0, 12))):
         action = draw(
-            st.sampled_from(["run", "run", "run", "gap", "repeat", "back", "boot", "other", "damage", "noise"])
+            st.sampled_from(["run", "run", "run", "gap", "repeat", "back", "clock", "boot", "other", "damage", "noise"])
         )
-        if action in ("run", "gap", "back", "boot"):
+        if action in ("run", "gap", "back", "clock", "boot"):
             if action == "gap":
                 lost = draw(st.sampled_from([1, 7, 255, 256, 70_000, 10**6]))
                 index, time = index + lost, time + draw(st.sampled_from([lost, 0])) * 10_000
             elif action == "back":
                 index = draw(st.sampled_from([0, max(index - 30, 0), max(index - 3, 0)]))
                 time = draw(st.sampled_from([time, 0, time + 5_000_000]))
+            elif action == "clock":
+                time -= draw(st.sampled_from([20_000, 50_000, 3_000_000, 2**31 + 5_000_000]))
             elif action == "boot":
                 index, time = 0, 0
                 out += stream(

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from protocol import BoardRestarted, Connection, SampleGap, Samples, decode_samples
+from protocol import BoardRestarted, ClockWentBack, Connection, SampleGap, Samples, decode_samples
 from protocol.link.framing import FrameReader, encode_frame
 from protocol.link.messages import encode_message
 from protocol.recording import channels_of
@@ -52,6 +52,7 @@ def check_against_plain(data: bytes, chunks: list[bytes]) -> None:
     samples, gaps, _ = decoded(events)
     assert samples == plain.samples
     assert gaps == plain.gaps
+    assert [event.by_us for event in events if isinstance(event, ClockWentBack)] == plain.went_back
     statistics = link.statistics
     assert {name: getattr(statistics, name) for name in COUNTERS} == {
         name: getattr(plain, name) + (len(plain.held) if name == "duplicates" else 0) for name in COUNTERS

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from protocol import Connection, SampleFlag, Samples
-from protocol.link.events import BoardEventReceived, BoardRestarted, LinkEvent, SampleGap
+from protocol.link.events import BoardEventReceived, BoardRestarted, ClockWentBack, LinkEvent, SampleGap
 from protocol.link.messages import BoardEvent, Hello, Sample, encode_message
 from protocol.link.sample_stream import SampleStream, implausible
 from protocol.recording import sample_dtype
@@ -160,6 +160,59 @@ def test_a_clock_that_runs_backward_is_kept_and_flagged() -> None:
     rows = rows_of(events)
     assert rows["time_us"].tolist() == [50_000, 40_000, 60_000]
     assert ((rows["flags"] & SampleFlag.IMPLAUSIBLE) != 0).tolist() == [False, True, False]
+
+
+@pytest.mark.fault(62, how="the clock set back by 50 ms to 50 min, to 0, before its own beginning", times=5)
+@pytest.mark.parametrize(
+    ("before_s", "after_s"), [(100.0, 99.95), (100.0, 40.0), (3_100.0, 100.0), (4_000.0, 0.0), (1.0, 4_294.0)]
+)
+def test_a_clock_that_goes_back_begins_a_segment(before_s: float, after_s: float) -> None:
+    """The index continues, the clock is that of another time: an event with the time, then even samples, no gap."""
+    at, to = round(before_s * 1e6), round(after_s * 1e6)
+    samples = [sample(n, at + 10_000 * n) for n in range(5)]
+    samples += [sample(5 + n, to + 10_000 * n) for n in range(5)]
+    events = Connection().receive(hello_and(*samples), 0)
+    (went_back,) = [event for event in events if isinstance(event, ClockWentBack)]
+    assert went_back.by_us == (at + 40_000 - to) % 2**32
+    assert gaps_of(events) == []
+    rows = rows_of(events)
+    assert rows["index"].tolist() == list(range(10))
+    assert (rows["flags"] == 0).all()
+    steps = np.diff(rows["time_us"])
+    assert steps[4] == -went_back.by_us
+    assert (np.delete(steps, 4) == 10_000).all()
+
+
+def test_a_clock_that_goes_back_in_a_gap_keeps_the_gap() -> None:
+    """Five samples are lost where it goes back: counted, before the first sample of the new clock."""
+    samples = [*(sample(n, 10**8 + 10_000 * n) for n in range(5)), *(sample(n, 10_000 * n) for n in range(10, 15))]
+    events = Connection().receive(hello_and(*samples), 0)
+    assert [(gap.lost, gap.before_index) for gap in gaps_of(events)] == [(5, 10)]
+    assert sum(isinstance(event, ClockWentBack) for event in events) == 1
+
+
+@pytest.mark.parametrize("wrong_us", [-3_000_000, 3_000_000, 2**31 - 50_000, -(2**31) + 50_000])
+def test_one_wrong_time_is_no_other_clock(wrong_us: int) -> None:
+    """One sample behind or ahead of the others, and the clock goes on: no segment, all samples kept."""
+    samples = [sample(n, 10**8 + 10_000 * n + (wrong_us if n == 5 else 0)) for n in range(12)]
+    events = Connection().receive(hello_and(*samples), 0)
+    assert not any(isinstance(event, ClockWentBack) for event in events)
+    rows = rows_of(events)
+    assert rows["index"].tolist() == list(range(12))
+    assert (rows["time_us"][[0, 4, 6, 11]] - 10**8).tolist() == [0, 40_000, 60_000, 110_000]
+
+
+def test_the_last_sample_waits_for_the_clock_of_the_next() -> None:
+    """A sample behind is kept once the next one shows its clock, or the end of the stream that none does."""
+    link = Connection()
+    events = link.receive(hello_and(sample(0, 50_000), sample(1, 60_000), sample(2, 10_000)), 0)
+    assert rows_of(events)["index"].tolist() == [0, 1]
+    again = Connection(decoder_state=link.decoder_state())
+    (row,) = rows_of(link.receive(stream(STOP_DONE, START_DONE, sample(0, 70_000)), 0))[:1]
+    assert (row["index"], bool(row["flags"] & SampleFlag.IMPLAUSIBLE)) == (2, True)
+    after = again.receive(stream(sample(3, 20_000)), 0)
+    assert [type(event) for event in after] == [ClockWentBack, Samples]
+    assert rows_of(after)["time_us"].tolist() == [10_000, 20_000]
 
 
 def test_an_event_has_its_time_on_the_samples_clock() -> None:

@@ -207,6 +207,16 @@ def test_clock_wraps():
     assert abs(int(wrap) - 199) <= 1
 
 
+def test_clock_goes_back():
+    """At 3 s the clock is set 2.5 s back, and goes on; the index does too."""
+    host = streaming("clock_back@3:2.5", seconds=4.0)
+    steps = np.diff([s.time_us for s in host.samples])
+    (at,) = np.flatnonzero(steps < 0)
+    assert steps[at] == 10_000 - 2_500_000
+    assert (np.delete(steps, at) == 10_000).all()
+    assert (np.diff([s.index for s in host.samples]) == 1).all()
+
+
 @pytest.mark.parametrize("ppm", [200, 10_000, -10_000])
 def test_clock_drift(ppm):
     """After 100 true seconds from its begin the board's clock is off by that much."""

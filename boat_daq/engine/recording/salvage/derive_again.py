@@ -20,7 +20,7 @@ from boat_daq.engine.recording.file import Statement
 from boat_daq.engine.recording.missing import Hole
 from boat_daq.engine.recording.rows import BLOCK_SAMPLES_MAX, INSERT_BLOCK
 from protocol.base.errors import ProfileError
-from protocol.link.events import Link, Samples
+from protocol.link.events import ClockWentBack, Link, Samples
 from protocol.recording import SampleFlag, fitted, session_dtype
 
 Array = NDArray[np.void]
@@ -44,8 +44,8 @@ class _Gap:
     derived: list[tuple[int, int, Array]] = field(default_factory=list)  # (chunk, segment, samples)
     ended: bool = False
 
-    def take(self, chunk: int, segments: list[tuple[int, int]], samples: Array) -> None:
-        """Keep the samples of a chunk that are not in the blocks beside it."""
+    def take(self, chunk: int, segments: list[tuple[int, int]], samples: Array, later: int) -> None:
+        """Keep the samples of a chunk that are not in the blocks beside it; `later` clocks begin after them in it."""
         if self.ended or (self.before is not None and chunk < self.before.last_chunk):
             return
         if self.before is not None and chunk == self.before.last_chunk:
@@ -53,7 +53,7 @@ class _Gap:
         if self.after is not None and len(samples) and samples["host_ns"][0] in self.after.samples["host_ns"]:
             at = _position(samples, self.after.samples[0])
             samples, self.ended = samples[: max(at, 0)], True
-        for segment, part in _split(chunk, segments, samples):
+        for segment, part in _split(chunk, segments, samples, later):
             low = 1 if self.before is None else self.before.segment
             high = _NO_KEY if self.after is None else self.after.segment
             self.derived.append((chunk, min(max(segment, low), high), part))
@@ -66,9 +66,10 @@ def _position(samples: Array, wanted: Any) -> int:
     return int(found[0]) if len(found) else -1
 
 
-def _split(chunk: int, segments: list[tuple[int, int]], samples: Array) -> Iterator[tuple[int, Array]]:
+def _split(chunk: int, segments: list[tuple[int, int]], samples: Array, later: int) -> Iterator[tuple[int, Array]]:
     """Give samples with their segments; one that begins in this chunk begins where the index does."""
     number, first_chunk = max(((s, first) for s, first in segments if first <= chunk), default=(1, 0))
+    number -= later if first_chunk == chunk else 0
     at = int(np.argmin(samples["index"])) if len(samples) and first_chunk == chunk else 0
     if at:
         yield number - 1, samples[:at]
@@ -131,12 +132,14 @@ def _derive(
             continue
         sql = "SELECT id, host_ns, raw FROM chunk WHERE id >= ? AND id < ? AND direction = 0 ORDER BY id"
         for chunk, host_ns, raw in db.execute(sql, (first, after)):
-            arrays = [event.array for event in link.receive(raw, host_ns) if isinstance(event, Samples)]
-            for samples in (fitted(array, dtype) for array in arrays):
+            events = link.receive(raw, host_ns)
+            for at, event in enumerate(events):
+                samples = fitted(event.array, dtype) if isinstance(event, Samples) else np.empty(0, dtype)
                 if samples.dtype == dtype and len(samples):
+                    later = sum(isinstance(other, ClockWentBack) for other in events[at:])
                     for gap in gaps:
                         if gap.after is None or chunk <= gap.after.last_chunk:
-                            gap.take(chunk, segments, samples)
+                            gap.take(chunk, segments, samples, later)
 
 
 def _link(meta: dict[str, Any], state: str | None) -> Link | None:

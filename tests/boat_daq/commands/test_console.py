@@ -19,6 +19,7 @@ def test_long_message_stays_one_line(capsys: pytest.CaptureFixture[str]) -> None
     assert capsys.readouterr().err == text + "\n"
 
 
+@pytest.mark.fault(64, how="outputs of seven encodings", times=7)
 @pytest.mark.parametrize("encoding", ["cp850", "cp437", "cp932", "gbk", "cp1252", "ascii", "utf-8"])
 def test_output_of_any_encoding_is_written(encoding: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """As after `> file.txt` on Windows: what the encoding lacks becomes ASCII, and JSON is read back as it was."""

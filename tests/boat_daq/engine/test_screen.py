@@ -35,6 +35,7 @@ def without_display(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.delenv(name, raising=False)
 
 
+@pytest.mark.fault(64, how="no DISPLAY, and one that does not answer", times=2)
 @pytest.mark.parametrize(("variables", "cause"), [({}, "neither DISPLAY"), ({"DISPLAY": ":77"}, ":77 does not answer")])
 def test_window_without_a_display_says_so(variables: dict[str, str], cause: str) -> None:
     """Exit code 1, cause and remedy; no abort."""
@@ -45,6 +46,7 @@ def test_window_without_a_display_says_so(variables: dict[str, str], cause: str)
     assert "einstall" not in ended.stderr
 
 
+@pytest.mark.fault(64, how="a library of Qt that cannot be loaded", times=1)
 def test_missing_library_is_named_with_its_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A file that cannot be loaded in place of libxcb-cursor, as on a fresh Debian."""
     (tmp_path / "libxcb-cursor.so.0").touch()

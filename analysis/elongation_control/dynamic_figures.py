@@ -48,7 +48,7 @@ class StepFigures:
 class BodePoint:
     """One frequency of a sweep: gain and phase of the elongation over its setpoint, with standard uncertainties.
 
-    `amplitude_mm` is that of the setpoint, NaN where it is not known.
+    `amplitude_mm` is that of the setpoint, NaN where it is not known; `n` the number of repeats that were averaged.
     """
 
     frequency_hz: float
@@ -57,6 +57,7 @@ class BodePoint:
     u_gain_db: float
     u_phase_deg: float
     amplitude_mm: float = math.nan
+    n: int = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +73,7 @@ class DynamicCalibration:
     recording: str
     tolerance_mm: float
     steps: dict[float, dict[str, DynamicFigure]]  # figures by the size of the step, mm
-    bode: tuple[BodePoint, ...]  # a point for each sine
+    bode: tuple[BodePoint, ...]  # a point for each frequency and amplitude
     bandwidth_hz: DynamicFigure  # at -3 dB, with its interval; NaN where no sine reaches it
     responses: dict[float, FloatArray] = field(default_factory=dict)
     counts: dict[float, int] = field(default_factory=dict)  # number of the steps of each size

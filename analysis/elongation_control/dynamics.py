@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -156,6 +156,28 @@ def bode_point(time_s: FloatArray, setpoint: FloatArray, elongation: FloatArray,
     u = math.sqrt(2.0 * float(left @ left) / (len(t) - 4) / len(t)) / abs(complex(c, d))
     gain, phase = 20.0 * math.log10(abs(ratio)), math.degrees(math.atan2(ratio.imag, ratio.real))
     return BodePoint(frequency_hz, gain, phase, 20.0 / math.log(10.0) * u, math.degrees(u))
+
+
+def mean_bode_point(repeats: Sequence[BodePoint]) -> BodePoint:
+    """Return the mean of repeats of one sine; U (k = 2) is then the 95 % interval of their mean (Student t).
+
+    What changes between repeats, such as creep, is far more than the residuals within one show.
+    """
+    n = len(repeats)
+    if n < 2:
+        return repeats[0]
+    gain, phase = (np.array([getattr(one, name) for one in repeats]) for name in ("gain_db", "phase_deg"))
+    phase = np.degrees(np.unwrap(np.radians(phase)))
+    half = float(student.ppf(0.975, n - 1)) / math.sqrt(n) / COVERAGE_FACTOR
+    u_gain, u_phase = (max(half * float(one.std(ddof=1)), 0.0) for one in (gain, phase))
+    return replace(
+        repeats[0],
+        gain_db=float(gain.mean()),
+        phase_deg=float(phase.mean()),
+        u_gain_db=u_gain,
+        u_phase_deg=u_phase,
+        n=n,
+    )
 
 
 def bandwidth(points: Sequence[BodePoint]) -> DynamicFigure:

@@ -10,6 +10,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from analysis.calibration.inverse import Fusion
 from analysis.data.recording import Recording
 from analysis.elongation_control.controller import Tuning
 from analysis.elongation_control.dynamic_figures import BodePoint, DynamicFigure
-from analysis.elongation_control.dynamics import Lag, bode_point, fit_lag, step_figures
+from analysis.elongation_control.dynamics import Lag, bode_point, fit_lag, mean_bode_point, step_figures
 from analysis.elongation_control.hysteresis import HysteresisModel, identify
 from analysis.elongation_control.sensor_loop import SensorLoops
 from protocol.base.arrays import FloatArray
@@ -26,6 +27,7 @@ from protocol.base.errors import DataError
 from protocol.recording import NOT_FOR_FIGURES, SampleFlag, Segment
 
 GRID_S = 0.01
+LEAST_PERIOD_S = 0.5  # of a sine that gives a gain of its own
 BEFORE_S = 0.3  # of rest before a step, whose mean is its begin
 LEAST_STEP_KPA = 3.0
 _NO_SIGNAL = int(NOT_FOR_FIGURES & ~SampleFlag.PRESSURE_INVALID)
@@ -138,26 +140,50 @@ def step_test_lag(recording: Recording, fusion: Fusion, model: HysteresisModel) 
 
 
 def bode_of_run(recording: Recording, fusion: Fusion, loops: SensorLoops | None = None) -> tuple[BodePoint, ...]:
-    """Return gain and phase of the elongation over its setpoint, at each sine of a run in millimetres.
+    """Return gain and phase of the elongation over its setpoint, at each frequency and amplitude of a run's sines.
 
+    The repeats that are averaged are the sines, or the periods of the only one.
     Raises DataError: no sine of elongation.
     """
     elongation, _ = run_elongation(recording, fusion, loops)
-    points = []
+    sines: dict[tuple[float, float], list[RecordedSegment]] = {}
     for one in recorded_segments(recording):
-        if not one.is_sine_of_elongation:
-            continue
-        period_s = 1.0 / one.segment.frequency_hz
-        last_s = one.begin_s + one.segment.moving_s(one.start)
-        first_s = min(one.begin_s + max(period_s, 1.0), last_s - period_s)
-        first_s = last_s - math.floor((last_s - first_s) / period_s + 1e-9) * period_s  # whole periods
-        rows = slice(*np.searchsorted(recording.time_s, [first_s, last_s]).tolist())
-        t = recording.time_s[rows]
-        point = bode_point(t - one.begin_s, one.setpoint(t), elongation[rows], one.segment.frequency_hz)
-        points.append(replace(point, amplitude_mm=abs(one.segment.amplitude)))
-    if not points:
+        if one.is_sine_of_elongation:
+            sines.setdefault((one.segment.frequency_hz, abs(one.segment.amplitude)), []).append(one)
+    if not sines:
         raise DataError("this run has no sines of elongation", "Record the plan sine-sweep-mm.")
+    points = []
+    for (_, amplitude), repeats in sines.items():
+        windows = [(one, *_whole_periods(one)) for one in repeats]
+        if len(windows) == 1:
+            windows = _each_period(*windows[0])
+        found = [_bode_point(recording.time_s, elongation, *window) for window in windows]
+        points.append(replace(mean_bode_point(found), amplitude_mm=amplitude))
     return tuple(points)
+
+
+def _whole_periods(one: RecordedSegment) -> tuple[float, float]:
+    """Return begin and end, s, of the whole periods of a sine after its transient."""
+    period_s = 1.0 / one.segment.frequency_hz
+    last_s = one.begin_s + one.segment.moving_s(one.start)
+    first_s = min(one.begin_s + max(period_s, 1.0), last_s - period_s)
+    return last_s - math.floor((last_s - first_s) / period_s + 1e-9) * period_s, last_s
+
+
+def _each_period(one: RecordedSegment, first_s: float, last_s: float) -> list[tuple[RecordedSegment, float, float]]:
+    """Return the window of each period; of each two or more where one holds too few samples."""
+    periods = max(1, round((last_s - first_s) * one.segment.frequency_hz))
+    parts = max(1, periods // math.ceil(LEAST_PERIOD_S * one.segment.frequency_hz))
+    edges = first_s + (last_s - first_s) / periods * np.floor(np.arange(parts + 1) * periods / parts)
+    return [(one, low, high) for low, high in pairwise(edges.tolist())]
+
+
+def _bode_point(
+    time_s: FloatArray, elongation: FloatArray, one: RecordedSegment, first_s: float, last_s: float
+) -> BodePoint:
+    rows = slice(*np.searchsorted(time_s, [first_s, last_s]).tolist())
+    t = time_s[rows]
+    return bode_point(t - one.begin_s, one.setpoint(t), elongation[rows], one.segment.frequency_hz)
 
 
 @dataclass(frozen=True, slots=True)

@@ -82,6 +82,31 @@ def test_sines_give_the_frequency_response_of_the_lag():
         assert point.phase_deg == pytest.approx(np.degrees(np.angle(truth)), abs=2.0)
 
 
+def test_the_interval_of_a_gain_holds_what_differs_between_repeats():
+    """Two equal sines of which the second follows by 1 % more: one point, Student's interval of two values."""
+    sine = Segment("sine", 0.5, amplitude=1.0, frequency_hz=0.5, periods=4.0, hold_s=1.0)
+    run = run_of("mm", [(0.5, sine), (0.5, sine)], noise_mv=0.0)
+    second = (run.time_s > run.steps.started_s.iloc[1])[:, None]
+    x = FUSION.evaluate(run.signal_mv).elongation_mm[:, None]
+    more = np.where(second, 0.5 + 1.01 * (x - 0.5), x)[:, 0]
+    (point,) = bode_of_run(replace(run, signal_mv=signals_of(more)), FUSION)
+    apart_db = 20 * np.log10(1.01)
+    assert point.n == 2
+    assert 2 * point.u_gain_db == pytest.approx(12.706 * apart_db / 2, rel=0.02)
+
+
+def test_one_sine_is_repeated_by_its_periods():
+    """Periods that follow ever less, as by creep: the interval holds the first and the last."""
+    sine = Segment("sine", 0.5, amplitude=1.0, frequency_hz=0.5, periods=6.0, hold_s=1.0)
+    run = run_of("mm", [(0.5, sine)], noise_mv=0.0)
+    x = FUSION.evaluate(run.signal_mv).elongation_mm
+    fading = 0.5 + (1.02 - 0.002 * run.time_s) * (x - 0.5)
+    (steady,), (point,) = bode_of_run(run, FUSION), bode_of_run(replace(run, signal_mv=signals_of(fading)), FUSION)
+    assert point.n == 5
+    assert steady.u_gain_db < 1e-3
+    assert 2 * point.u_gain_db == pytest.approx(2.776 / 5**0.5 * 20 * np.log10(1.004) * 2.5**0.5, rel=0.1)
+
+
 def test_steps_of_elongation_give_the_figures_of_the_lag():
     parts = [(a, Segment("step", b, hold_s=4.0)) for a, b in ((0.0, 1.0), (1.0, 0.0), (0.0, 1.0))]
     found = dynamic_calibration(run_of("mm", parts, noise_mv=0.1), FUSION)

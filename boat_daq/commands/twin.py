@@ -26,6 +26,7 @@ app = typer.Typer(no_args_is_help=True, help="Control the elongation of a unit, 
 @app.command()
 def accept(
     run: RecordingArgument,
+    elongation: Annotated[Path | None, typer.Option(help="CSV of elongation readings, one row a plateau.")] = None,
     anyway: Annotated[bool, typer.Option("--anyway", help="Accept figures out of tolerance.")] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -36,7 +37,7 @@ def accept(
     from boat_daq.workflows.acceptance import accept_run
 
     with progress_bar("calibrating"):
-        record = accept_run(run, UnitLibrary(), anyway=anyway, operator=load_settings().operator)
+        record = accept_run(run, UnitLibrary(), elongation=elongation, anyway=anyway, operator=load_settings().operator)
     present(
         {"unit": record.unit, "calibrated_utc": record.calibrated_utc, "simulated": record.simulated},
         f"unit {record.unit}: calibration of {run.name} in force since {record.calibrated_utc}",
@@ -137,9 +138,10 @@ def hold(
     from boat_daq.commands.record import dated_name
     from boat_daq.engine.plan import Plan
     from boat_daq.workflows.run_session import SessionRequest, run_session
-    from boat_daq.workflows.unit_control import held_elongation
+    from boat_daq.workflows.unit_control import check_setpoint, held_elongation
     from protocol.recording import Segment
 
+    check_setpoint(UnitLibrary(), unit, mm)
     segment = Segment("step", mm, hold_s=seconds)
     plan = Plan("hold", "profile", 1, quantity="mm", min_dwell_s=3.0, segments=(segment,))
     request = SessionRequest(

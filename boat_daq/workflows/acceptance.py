@@ -191,13 +191,21 @@ def withdraw(units: UnitLibrary, name: str, before: StoredCalibration | None) ->
         units.add_calibration(name, before.content, recording=before.recording, note="in force again")
 
 
-def accept_run(path: Path, units: UnitLibrary, *, anyway: bool = False, operator: str = "") -> CalibrationRecord:
-    """Analyse a run and put its calibration into force; one out of tolerance only with `anyway`."""
-    run = run_calibration(analysed_run(path), path)
+def accept_run(
+    path: Path, units: UnitLibrary, *, elongation: Path | None = None, anyway: bool = False, operator: str = ""
+) -> CalibrationRecord:
+    """Analyse a run and put its calibration into force; one out of tolerance only with `anyway`.
+
+    `elongation`: file of readings, in place of those of the recording.
+    """
+    run = run_calibration(analysed_run(path, elongation=elongation), path)
     obstacle, missed = obstacle_to(run), missed_bounds(run)
     if obstacle is not None or not run.unit:
         cause = obstacle.cause if obstacle is not None else "the recording names no unit"
-        raise RequestError(f"this calibration cannot be accepted: {cause}", "record a calibration run of a named unit")
+        remedy = "record a calibration run of a named unit"
+        if obstacle is not None and lacking(run) is Lack.READINGS:
+            remedy = "give its readings with --elongation FILE.csv, or type them in the window"
+        raise RequestError(f"this calibration cannot be accepted: {cause}", remedy)
     if missed and not anyway:
         cause = f"this calibration is out of tolerance: {'. '.join(missed)}"
         raise RequestError(cause, "check its readings, or accept it as it is", command="add --anyway")

@@ -27,9 +27,18 @@ def load_analysis() -> None:
 
 
 def analysed_run(
-    path: Path, *, curve: str = "", level: Level = "normal", mcmc: bool = False, progress: Progress | None = None
+    path: Path,
+    *,
+    elongation: Path | None = None,
+    curve: str = "",
+    level: Level = "normal",
+    mcmc: bool = False,
+    progress: Progress | None = None,
 ) -> Analysis:
-    """Return the analysis of a recording with the readings beside it; `curve` is a choice of `chosen_curve`."""
+    """Return the analysis of a recording; `curve` is a choice of `chosen_curve`.
+
+    `elongation`: file of readings; by default the one beside the recording, or the readings in it.
+    """
     from analysis import load_recording
     from analysis.figures.pipeline import analyse
     from analysis.figures.sensor_analysis import Options
@@ -38,7 +47,9 @@ def analysed_run(
     recording = load_recording(path)
     type_b = stated_contributions(recording)
     options = Options(chosen_curve(recording, curve), fidelity=level, mcmc=mcmc, type_b=type_b)
-    return with_plugins(analyse(recording, readings_beside(path), options=options, progress=progress), str(path))
+    return with_plugins(
+        analyse(recording, elongation or readings_beside(path), options=options, progress=progress), str(path)
+    )
 
 
 def with_plugins(analysis: Analysis, run: str) -> Analysis:

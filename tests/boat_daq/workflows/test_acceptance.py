@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
+import shutil
+import sqlite3
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
+from analysis import load_recording
 from analysis.calibration.fit import fit_calibration
 from analysis.calibration.record import CalibrationRecord, SensorRecord
 from analysis.warning import Warning, WarningCode
@@ -97,8 +102,28 @@ def test_run_of_a_virtual_board_is_accepted_into_its_own_library(tmp_path, monke
     assert (record.unit, record.simulated, len(record.sensors)) == ("SA1", True, 2)
     assert units.names() == [] and units.of(simulated=True).names() == ["SA1"]
     missed = replace(RUN, sensors=(replace(SENSOR, out_of_tolerance=(Warning(WarningCode.IMPORT, "", "off"),)),))
-    monkeypatch.setattr(acceptance, "analysed_run", lambda path: None)
+    monkeypatch.setattr(acceptance, "analysed_run", lambda path, elongation: None)
     for run, cause in ((missed, "out of tolerance: Sensor 1: off"), (replace(RUN, unit=""), "names no unit")):
         monkeypatch.setattr(acceptance, "run_calibration", lambda found, path, run=run: run)
         with pytest.raises(RequestError, match=cause):
             accept_run(SAMPLE, units)
+
+
+def test_a_run_without_readings_is_accepted_with_a_file_of_them(tmp_path) -> None:
+    """The refusal names the option; the curve is that of the recorded readings, whose grid the file does not state."""
+    recording = load_recording(SAMPLE)
+    steps = recording.steps.set_index("id").loc[recording.current_readings["step"]]
+    typed = {"pressure_kpa": steps["target_kpa"], "elongation_mm": recording.current_readings["elongation_mm"].array}
+    readings, bare = tmp_path / "typed.csv", tmp_path / "run.boat"
+    pd.DataFrame(typed).to_csv(readings, index=False)
+    shutil.copy(SAMPLE, bare)
+    with contextlib.closing(sqlite3.connect(bare)) as db, db:
+        db.execute("DELETE FROM reading")
+    units = UnitLibrary(tmp_path / "units")
+    with pytest.raises(RequestError, match="cannot be accepted: None of 37 plateaus has a reading") as refused:
+        accept_run(bare, units, anyway=True)
+    assert "--elongation" in refused.value.remedy
+    record, truth = accept_run(bare, units, elongation=readings, anyway=True), accept_run(SAMPLE, units, anyway=True)
+    assert [sensor.fit["coefficients"] for sensor in record.sensors] == [
+        pytest.approx(sensor.fit["coefficients"], rel=0.01) for sensor in truth.sensors
+    ]

@@ -18,6 +18,7 @@ from analysis.elongation_control.run_response import run_elongation
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.workflows.unit_control import (
     as_regulator,
+    check_setpoint,
     fusion_of,
     held_elongation,
     identify_unit,
@@ -86,6 +87,18 @@ def test_an_identified_unit_has_a_regulator_until_its_calibration_changes(units,
     store_twin(units, replace(twin, calibration_utc="2026-01-01T00:00:00+00:00"))
     with pytest.raises(RequestError, match="another calibration"):
         regulator_of(units, "SA1")
+
+
+def test_a_setpoint_is_refused_before_anything_is_connected(units, run):
+    """Without a calibration of either kind, outside the range, and no number; inside it is taken."""
+    with pytest.raises(RequestError, match="no accepted calibration"):
+        check_setpoint(units, "SA1", 1.0)
+    accept(units)
+    identify_unit(run, units)
+    for mm in (50.0, float("nan")):
+        with pytest.raises(RequestError, match="outside the calibrated range"):
+            check_setpoint(units, "SA1", mm)
+    check_setpoint(units.of(simulated=False), "SA1", 1.0)
 
 
 def test_a_held_elongation_is_that_of_the_control(units):

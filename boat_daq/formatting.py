@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 
-from protocol.base.units import MINUS, NOTHING, ShownUnits, as_text
+from protocol.base.units import MINUS, NOTHING, STORED_UNITS, ShownUnits, as_text
 
 THIN = "\u2009"  # between thousands and before units
 _SI = ((1.0, "s"), (1e-3, "ms"), (1e-6, "\u00b5s"), (1e-9, "ns"))
@@ -39,9 +39,11 @@ def pressure(kpa: float | None) -> str:
     return f"{number(kpa, 1, sign=True)} kPa"
 
 
-def target(kpa: float) -> str:
-    """Return a plan's pressure, e.g. `+30 kPa` or `+2.5 kPa`."""
-    return f"{number(kpa, 0 if float(kpa).is_integer() else 1, sign=True)} kPa"
+def target(kpa: float, units: ShownUnits = STORED_UNITS) -> str:
+    """Return a plan's pressure, e.g. `+30 kPa`, `+2.5 kPa` or `+300 mbar`."""
+    shown = units.shown("kPa")
+    value = round(shown.value(kpa), places := shown.decimals(1))
+    return f"{number(value, 0 if value.is_integer() else places, sign=True)} {as_text(shown.symbol)}"
 
 
 def duration(seconds: float | None) -> str:
@@ -109,6 +111,13 @@ def plain_number(text: str) -> float:
     if not math.isfinite(value):
         raise ValueError(text)
     return value
+
+
+def stored_number(text: str, units: ShownUnits, stored: str) -> float:
+    """Return the value in a stored unit of what was typed in the shown one. ValueError: not a finite number."""
+    shown = units.shown(stored)
+    text = text.strip().removesuffix(as_text(shown.symbol)).removesuffix(shown.symbol)
+    return (plain_number(text) - shown.offset) / shown.factor
 
 
 def sensor_words(name: str) -> str:

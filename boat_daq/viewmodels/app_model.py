@@ -59,8 +59,8 @@ class AppModel:
     def __init__(self, session: Session, folder: Path, recordings: Path, units: UnitLibrary | None = None) -> None:
         self.session, self.folder, self.units = session, folder, units or UnitLibrary()
         self.notices = Notices()
+        self.undo = UndoHistory(self.notices.inform)
         self.preferences = Preferences(folder, partial(self.notices.add, Severity.WARNING))
-        self.undo = UndoHistory()
         self.jobs = JobRunner()
         self.services = Services(self.notices, self.preferences, self.undo, recordings)
         self.connection = ConnectionModel(session, self.preferences, self.units)
@@ -119,7 +119,7 @@ class AppModel:
         self._messages = SessionMessages(self.notices, self.snapshot)
 
     def _use_units(self, units: ShownUnits) -> None:
-        self.live.units = self.runs.shown_units = units
+        self.live.units = self.runs.shown_units = self.sequence.units = self.readings.units = units
 
     def _use_fidelity(self, chosen: Fidelity) -> None:
         self.live.points_a_column = chosen.points_a_column

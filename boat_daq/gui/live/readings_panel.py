@@ -19,7 +19,7 @@ from boat_daq.gui.widgets.data_table import dress
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.services import Panel, Services
-from boat_daq.viewmodels.live.readings import READING_HEADINGS, SOON_S, ReadingsModel, Row
+from boat_daq.viewmodels.live.readings import READING_COLUMNS, SOON_S, ReadingsModel, Row
 from boat_daq.viewmodels.live.run_model import RunModel
 from protocol.base.errors import RequestError
 
@@ -39,6 +39,7 @@ class ReadingBar(QFrame):
         self.run, self.notices = run, services.notices
         self.step_id: int | None = None
         self._due = ""  # the question of the plateau
+        self._doubted: tuple[int | None, str] | None = None  # what Enter takes when it is pressed again
         self.question = widgets.label("", "set", name="Reading that is due", elide=True, least=style.QUESTION_LEAST)
         self.field = widgets.field("Elongation in mm", on_enter=self.enter, width=3 * style.CONTROL_HEIGHT)
         self.field.setProperty("role", "reading")
@@ -51,11 +52,12 @@ class ReadingBar(QFrame):
         self.all.clicked.connect(run.toggle_read_all)
         self.skip = widgets.button("Skip", self.run.skip_reading, tip="Continue without a reading")
         self.field.textChanged.connect(self._ask)
-        self.unit = widgets.label("mm, Enter", "muted")
+        self.unit = widgets.label(f"{run.readings.unit}, press Enter", "muted")
+        self._narrow = False
         self.left = widgets.label("", "muted", name="Time left for the reading, or the value taken")
         self.left.setToolTip("The run continues without a reading when its time is over")
         self.left.setFixedWidth(
-            max(style.text_width(self.left.font(), text) for text in ("0:00:00 left", "+8.88 taken"))
+            max(style.text_width(self.left.font(), text) for text in ("skipped in 0:00:00", "+88.88 taken"))
         )
         self.answer = widgets.row(
             self.field, self.unit, self.left, None, self.simulated, self.all, self.photo, self.skip
@@ -79,7 +81,8 @@ class ReadingBar(QFrame):
         self._ask()
         left_s = waiting.time_left_s if waiting is not None else math.inf
         taken = self.run.readings.taken() if waiting is None else ""
-        widgets.set_text(self.left, f"{duration(left_s)} left" if math.isfinite(left_s) else taken)
+        widgets.set_text(self.left, f"skipped in {duration(left_s)}" if math.isfinite(left_s) else taken)
+        self._show_unit()
         widgets.set_state(self.left, "warning" if left_s <= SOON_S else "")
         simulated = self.run.connection.board is not None
         for control, visible in ((self.simulated, simulated), (self.all, simulated), (self.photo, not simulated)):
@@ -95,10 +98,13 @@ class ReadingBar(QFrame):
             self.field.setFocus()
 
     def _ask(self, _: str = "") -> None:
-        """Show the reading that is due, or why what is typed is implausible; it can be entered nevertheless."""
+        """Show the reading that is due, or why what is typed is implausible; a second Enter takes it nevertheless."""
         step, text = self.step_id, self.field.text()
         warning = self.run.readings.warning(step, text) if step is not None and text else ""
-        widgets.set_text(self.question, f"\u25b2 {warning}" if warning else self._due)
+        if self._doubted is not None and self._doubted != (step, text):
+            self._doubted = None
+        again = f": Enter again to take {text.strip()}" if self._doubted is not None else ""
+        widgets.set_text(self.question, f"\u25b2 {warning}{again}" if warning else self._due)
         widgets.set_state(self.question, "warning" if warning else "")
         if self.field.accessibleDescription() != warning:
             self.field.setAccessibleDescription(warning)
@@ -108,7 +114,7 @@ class ReadingBar(QFrame):
         step, text, readings = self.step_id, self.field.text(), self.run.readings
         at = readings.leave(step, text) if step is not None else ""
         if at and step is not None:
-            cause = f"{text} mm was typed at {at}, but not entered before the run continued"
+            cause = f"{text} {readings.unit} was typed at {at}, but not entered before the run continued"
             offer = ("Enter it there", partial(readings.enter, step, text))
             self.notices.add(Severity.WARNING, cause, "It is kept in the table of readings.", action=offer)
 
@@ -123,7 +129,8 @@ class ReadingBar(QFrame):
 
     def fold(self, narrow: bool, low: bool) -> None:
         """Stack question and answer in a narrow window, and put all closer; in a low one the edges, too."""
-        widgets.set_text(self.unit, "mm" if narrow else "mm, Enter")
+        self._narrow = narrow
+        self._show_unit()
         self.answer.setSpacing(style.STEP if narrow else style.GAP)
         self.lines.setSpacing(style.STEP if narrow else style.GAP)
         upright = style.STEP if low else style.GAP
@@ -131,10 +138,20 @@ class ReadingBar(QFrame):
         way = QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight
         self.lines.setDirection(way)
 
+    def _show_unit(self) -> None:
+        """Show the unit in which the field is typed."""
+        unit = self.run.readings.unit
+        widgets.set_text(self.unit, unit if self._narrow else f"{unit}, press Enter")
+        self.field.setAccessibleName(f"Elongation in {unit}")
+
     def enter(self) -> None:
-        """Enter what was typed."""
+        """Enter what was typed; ask first where it is far from what pressure and model allow."""
         text, step = self.field.text(), self.step_id
         if step is None or not text.strip():
+            return
+        if self._doubted != (step, text) and self.run.readings.warning(step, text):
+            self._doubted = step, text
+            self._ask()
             return
         kept = self.notices.attempt(lambda: self.run.readings.enter(step, text))
         widgets.set_state(self.field, "" if kept else "true", "wrong")
@@ -172,7 +189,8 @@ class ReadingsTableModel(QAbstractTableModel):
             self.endInsertRows()
         self.rows = rows
         if rows:
-            self.dataChanged.emit(self.index(0, 0), self.index(len(rows) - 1, len(READING_HEADINGS) - 1))
+            self.dataChanged.emit(self.index(0, 0), self.index(len(rows) - 1, READING_COLUMNS - 1))
+            self.headerDataChanged.emit(Qt.Orientation.Horizontal, 0, READING_COLUMNS - 1)
 
     def rowCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008
         """Return the number of plateaus."""
@@ -180,7 +198,7 @@ class ReadingsTableModel(QAbstractTableModel):
 
     def columnCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008
         """Return the number of columns."""
-        return 0 if parent.isValid() else len(READING_HEADINGS)
+        return 0 if parent.isValid() else READING_COLUMNS
 
     def headerData(self, section: int, orientation: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         """Return a heading."""
@@ -188,7 +206,7 @@ class ReadingsTableModel(QAbstractTableModel):
             return None
         if role == Qt.ItemDataRole.TextAlignmentRole:
             return side(section)
-        return READING_HEADINGS[section] if role == Qt.ItemDataRole.DisplayRole else None
+        return self.readings.headings[section] if role == Qt.ItemDataRole.DisplayRole else None
 
     def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         """Return a cell's text, place and weight."""

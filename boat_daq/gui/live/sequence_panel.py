@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF, QResizeEvent
-from PySide6.QtWidgets import QBoxLayout, QCheckBox, QFrame, QLineEdit, QPushButton, QScrollArea, QWidget
+from PySide6.QtWidgets import (
+    QBoxLayout,
+    QCheckBox,
+    QFrame,
+    QLabel,
+    QLayout,
+    QLineEdit,
+    QPushButton,
+    QScrollArea,
+    QWidget,
+)
 
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
 from boat_daq.gui import style
@@ -20,6 +31,7 @@ from boat_daq.viewmodels.live.end_at import EndAt
 from boat_daq.viewmodels.live.run_model import RunModel
 from boat_daq.viewmodels.live.sequence import (
     PLAN_ENTRIES,
+    Entry,
     SequenceModel,
     StaircaseDrawing,
     elongation_text,
@@ -41,13 +53,16 @@ PRIMARY = ("arm", "start", "resume", "clear")
 FIELD_WIDTH = 60
 OF_CYCLES = ("high_kpa", "low_kpa", "step_kpa", "ramp_kpa_per_s", "max_dwell_s", "settling_s")  # not of segments
 END_AT = {  # label and explanation of the uncertainty at which a run ends, by its unit
-    "mm": ("End at U", "Ends the run after the first cycle that leaves this U (k = 2) of an elongation, mm"),
+    "mm": (
+        "Stop at U below",
+        "Ends the run after the first cycle with this U (k = 2) of an elongation, mm",
+    ),
     "% FSO": (
-        "End at \u00b1",
+        "Stop at \u00b1 below",
         "Ends the run after the first cycle that leaves this half width of the intervals (95 %) of drift per 100 "
         "cycles and of repeatability, % FSO",
     ),
-    "": ("End at U", "A plan of segments runs all its cycles"),
+    "": ("Stop at U below", "A plan of segments runs all its cycles"),
 }
 UNLIMITED = (1 << 24) - 1  # Qt's QWIDGETSIZE_MAX, which PySide6 does not name
 START_OVER = ("Start over", "Arm the whole plan from its first cycle, in a new recording")
@@ -151,10 +166,10 @@ class SequencePanel(QFrame):
 
     def _show_progress(self, snapshot: SessionSnapshot) -> None:
         """Show as many parts of the progress as fit; without a run the estimate of the plan."""
-        plan, measure = self.run.sequence.plan, self.progress.fontMetrics().horizontalAdvance
-        texts = [progress_text(snapshot, leave_out) for leave_out in range(3)]
+        measure = self.progress.fontMetrics().horizontalAdvance
+        texts = [progress_text(snapshot, leave_out, self.run.sequence.units) for leave_out in range(3)]
         shown = next((text for text in texts if measure(text) <= self.progress.width()), texts[-1])
-        widgets.set_text(self.progress, shown or f"{plan.name}: {self.run.sequence.estimate}")
+        widgets.set_text(self.progress, shown or self.run.sequence.line(snapshot))
 
     def _show_uncertainty(self, text: str) -> None:
         """Show the uncertainty in a line of its own, wrapped: no number of it is ever cut."""
@@ -214,7 +229,8 @@ class PlanForm(QScrollArea):
     def __init__(self, sequence: SequenceModel, end_at: EndAt, services: Services) -> None:
         super().__init__()
         self.sequence, self.end_at, self.services = sequence, end_at, services
-        self._revision = (-1, -1)
+        self._revision: tuple[object, ...] = ()
+        self.units: list[tuple[QLabel, str]] = []
         self.setWidgetResizable(True)
         self.setAccessibleName("Plan, manual pressure and elongation")
         layout = widgets.column(
@@ -228,32 +244,47 @@ class PlanForm(QScrollArea):
         self.choice = widgets.choice("Plan", [(name, name) for name in sequence.plans], sequence.choose)
         self.fields = {entry.key: self._field(entry.key, entry.label, entry.help) for entry in PLAN_ENTRIES}
         self.refused = widgets.label("", wrap=True, name="Why the entry is invalid")
-        show = partial(self.services.show, Panel.SEGMENTS)
-        self.segments = widgets.button("Segments …", show, tip="Steps, ramps, sines, loops, readings (Ctrl+Shift+G)")
-        files = widgets.button("Open …", self.open), widgets.button("Save …", self.save)
-        beside = widgets.row(*files, spacing=style.STEP)
-        self.buttons = widgets.row(beside, self.segments, None, spacing=style.STEP)
         self.estimate = widgets.label("", "muted", wrap=True)
         self.ask_readings = QCheckBox("Wait for each reading")
         self.ask_readings.setChecked(sequence.wait_for_reading)
         self.ask_readings.toggled.connect(sequence.require_readings)
+        self.edit = widgets.button(
+            "Edit \u2026", self._toggle_more, tip="Pressures, rates, segments, files of the plan"
+        )
+        self.edit.setCheckable(True)
+        shown, more = PLAN_ENTRIES[:1], PLAN_ENTRIES[1:]
+        self.more = widgets.inside(widgets.column(*self._more(more), spacing=style.GAP))
+        self.more.hide()
+        plan, _ = widgets.card(
+            widgets.row(widgets.label("Plan", "subtitle"), None, self.choice),
+            widgets.form((entry.label, self.fields[entry.key], entry.unit) for entry in shown),
+            self.ask_readings,
+            self.refused,
+            widgets.row((self.estimate, 1), self.edit),
+            self.more,
+        )
+        return plan
+
+    def _more(self, entries: Sequence[Entry]) -> tuple[QLayout, ...]:
+        """Return what is seldom changed: the other entries, when a run ends early, segments and files."""
+        self.rows: dict[str, tuple[QWidget, QWidget, QWidget]] = {
+            entry.key: (widgets.label(entry.label), self.fields[entry.key], self._unit(entry.unit)) for entry in entries
+        }
+        grid = widgets.form(self.rows.values())
+        grid.setHorizontalSpacing(style.STEP)
         self.asked = widgets.field("", width=FIELD_WIDTH, placeholder="off")
         self.asked.editingFinished.connect(self._ask)
         self.asked_label, self.asked_unit = widgets.label(), widgets.label("", "muted")
-        entries = widgets.form((entry.label, self.fields[entry.key], entry.unit) for entry in PLAN_ENTRIES)
-        entries.setHorizontalSpacing(style.STEP)
         for k, widget in enumerate((self.asked_label, self.asked, self.asked_unit)):
-            entries.addWidget(widget, len(PLAN_ENTRIES), k)
-        self._show_asked()
-        plan, _ = widgets.card(
-            widgets.row(widgets.label("Plan", "subtitle"), None, self.choice),
-            entries,
-            self.refused,
-            self.ask_readings,
-            self.estimate,
-            self.buttons,
-        )
-        return plan
+            grid.addWidget(widget, len(entries), k)
+        show = partial(self.services.show, Panel.SEGMENTS)
+        self.segments = widgets.button("Segments \u2026", show, tip="Steps, ramps, sines, loops, readings")
+        files = widgets.button("Open \u2026", self.open), widgets.button("Save \u2026", self.save)
+        self.buttons = widgets.row(widgets.row(*files, spacing=style.STEP), self.segments, None, spacing=style.STEP)
+        return grid, self.buttons
+
+    def _toggle_more(self) -> None:
+        self.more.setVisible(self.edit.isChecked())
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Put the last button below the others in a narrow pane: units are never pushed out of it."""
@@ -263,18 +294,18 @@ class PlanForm(QScrollArea):
 
     def _pressure_card(self) -> QFrame:
         self.limits = widgets.label("", "muted", wrap=True)
-        self.target = widgets.field("Target pressure in kPa", "0", self._set_pressure, width=FIELD_WIDTH)
-        self.ramp = widgets.field("Ramp in kPa per second", "5", width=FIELD_WIDTH)
+        self.target = widgets.field("Target pressure", "0", self._set_pressure, width=FIELD_WIDTH)
+        self.ramp = widgets.field("Ramp of the pressure", "5", width=FIELD_WIDTH)
         self.set_button = widgets.button("Set pressure", self._set_pressure, tip="Within limits, without a run")
         manual, _ = widgets.card(
             widgets.label("Manual pressure", "subtitle"),
-            widgets.form((("Target", self.target, "kPa"), ("Ramp", self.ramp, "kPa/s"))),
+            widgets.form((("Target", self.target, self._unit("kPa")), ("Ramp", self.ramp, self._unit("kPa/s")))),
             widgets.row((self.limits, 1), self.set_button),
         )
         return manual
 
     def _elongation_card(self) -> QFrame:
-        self.mm = widgets.field("Target elongation in mm", "0", self._set_elongation, width=FIELD_WIDTH)
+        self.mm = widgets.field("Target elongation", "0", self._set_elongation, width=FIELD_WIDTH)
         tip = "Controls the pressure so that the unit has this elongation"
         self.elongation_button = widgets.button("Set elongation", self._set_elongation, tip=tip)
         self.elongation = widgets.label("", "muted", wrap=True)
@@ -283,7 +314,7 @@ class PlanForm(QScrollArea):
         self.hold.toggled.connect(self._hold)
         elongation, _ = widgets.card(
             widgets.label("Manual elongation", "subtitle"),
-            widgets.form((("Target", self.mm, "mm"),)),
+            widgets.form((("Target", self.mm, self._unit("mm")),)),
             self.hold,
             widgets.row((self.elongation, 1), self.elongation_button),
         )
@@ -294,6 +325,17 @@ class PlanForm(QScrollArea):
         field.setToolTip(tip)
         field.editingFinished.connect(lambda: self._edit(key, field))
         return field
+
+    def _show_units(self) -> None:
+        """Show the units in which the entries are typed."""
+        for label, stored in self.units:
+            widgets.set_text(label, self.sequence.unit(stored))
+
+    def _unit(self, stored: str) -> QLabel:
+        """Return a label with the unit in which values of a stored one are typed."""
+        label = widgets.label("", "muted")
+        self.units.append((label, stored))
+        return label
 
     def _ask(self) -> None:
         """Set the uncertainty at which runs end; an empty field runs all cycles."""
@@ -353,17 +395,16 @@ class PlanForm(QScrollArea):
         idle = snapshot.progress is None or "arm" in model.allowed(snapshot) or not snapshot.can_command
         for field in (*self.fields.values(), self.choice, self.ask_readings, self.asked):
             field.setEnabled(idle)
-        unused = {"staircase": (), "continuous": ("step_kpa",)}.get(model.plan.kind, OF_CYCLES)
-        for key in unused:
-            self.fields[key].setEnabled(False)
         self.asked.setEnabled(idle and bool(self.end_at.unit))
         for button in (self.set_button, self.elongation_button):
             button.setEnabled("arm" in model.allowed(snapshot))
         self.hold.setEnabled(snapshot.elongation is None)
         free = "Connect to a board to set an elongation." if snapshot.limits is None else "Not controlled"
-        widgets.set_text(self.elongation, elongation_text(snapshot) or free)
-        widgets.set_text(self.limits, limits_text(snapshot.limits) or "Connect to a board to set a pressure.")
-        revision = (model.revision, self.end_at.revision)
+        widgets.set_text(self.elongation, elongation_text(snapshot, model.units) or free)
+        widgets.set_text(
+            self.limits, limits_text(snapshot.limits, model.units) or "Connect to a board to set a pressure."
+        )
+        revision = (model.revision, self.end_at.revision, model.units)
         if revision == self._revision:
             return
         self._revision = revision
@@ -375,5 +416,10 @@ class PlanForm(QScrollArea):
         for key, field in self.fields.items():
             if key not in model.refused:
                 widgets.set_text(field, model.value(key))
+        unused = {"staircase": (), "continuous": ("step_kpa",)}.get(model.plan.kind, OF_CYCLES)
+        for key, cells in self.rows.items():
+            for cell in cells:
+                cell.setVisible(key not in unused)
+        self._show_units()
         widgets.set_text(self.estimate, model.estimate)
         self._show_refused()

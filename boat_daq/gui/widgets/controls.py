@@ -182,13 +182,14 @@ def as_card(frame: QFrame, layout: QLayout) -> None:
     frame.setLayout(layout)
 
 
-def form(rows: Iterable[tuple[str, QWidget, str]]) -> QGridLayout:
-    """Return a grid with a row for each (name, field, unit)."""
+def form(rows: Iterable[tuple[str | QWidget, QWidget, str | QWidget]]) -> QGridLayout:
+    """Return a grid with a row for each (name, field, unit); name and unit are texts, or labels that change."""
     grid = QGridLayout()
     grid.setVerticalSpacing(style.STEP)
     grid.setColumnStretch(0, 1)
     for i, (text, control, unit) in enumerate(rows):
-        for k, widget in enumerate((label(text), control, label(unit, "muted"))):
+        name = label(text) if isinstance(text, str) else text
+        for k, widget in enumerate((name, control, label(unit, "muted") if isinstance(unit, str) else unit)):
             grid.addWidget(widget, i, k)
     return grid
 

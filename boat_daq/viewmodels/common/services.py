@@ -48,7 +48,8 @@ class Change:
 class UndoHistory:
     """Changes in order, and those that were undone."""
 
-    def __init__(self) -> None:
+    def __init__(self, report: Callable[[str], object] = lambda _: None) -> None:
+        self._report = report  # takes what was undone
         self.done: list[Change] = []
         self.undone: list[Change] = []
 
@@ -63,12 +64,14 @@ class UndoHistory:
         change = self.done.pop()
         self.undone.append(change)
         change.undo()
+        self._report(f"Undone: {change.text}")
 
     def redo(self) -> None:
         """Apply the last undone change again."""
         change = self.undone.pop()
         self.done.append(change)
         change.redo()
+        self._report(f"Redone: {change.text}")
 
 
 @dataclass(slots=True)

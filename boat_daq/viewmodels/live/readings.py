@@ -22,11 +22,11 @@ from analysis.figures.outliers import outlying
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.recording.closed_run import ClosedRun
 from boat_daq.engine.snapshot import Progress, Reading, ReadingRequest, SessionSnapshot, SessionState
-from boat_daq.formatting import count, number, plain_number, target
+from boat_daq.formatting import count, in_units, number, stored_number, target
 from boat_daq.viewmodels.common.services import Change, UndoHistory
 from boat_daq.viewmodels.live.sequence import BRANCH_WORDS
 from protocol.base.errors import RequestError
-from protocol.base.units import NOTHING
+from protocol.base.units import NOTHING, STORED_UNITS, ShownUnits, as_text
 
 PLAUSIBLE_MM = 60.0  # longer than the actuator itself
 APART_KPA = 5.0  # plateaus further apart than this do not have one elongation
@@ -47,8 +47,9 @@ class Row:
     reading: Reading | None  # None where it was not read, or withdrawn
     current: bool
     apart_mm: float | None  # distance from the running fit, of an outlier
-    far: str = ""  # the nominal elongation, where the reading is far from it
+    far: str = ""  # the model's elongation, where the reading is far from it
     typed: str = ""  # text that was typed for it, but not entered
+    units: ShownUnits = STORED_UNITS
 
     @property
     def elongation_mm(self) -> float | None:
@@ -67,43 +68,47 @@ class Row:
 
     @property
     def _far(self) -> str:
-        """Return the nominal elongation without its band, which the tooltip has."""
+        """Return the model's elongation without its band, which the tooltip has."""
         nominal, _, _ = self.far.partition(" \u00b1")
         return f"{nominal}?" if nominal else ""
 
     @property
     def tip(self) -> str:
         """Return the remark as a sentence with plateau, cycle and value, and the source of the reading."""
-        plateau, ended = place(self.step), self._remark[1]
+        plateau, ended = place(self.step, self.units), self._remark[1]
         lines = [f"{ended}: {plateau}"] if ended else []
         if self.apart_mm is not None and self.elongation_mm is not None:
-            read, fit = (number(mm, 2, sign=True) for mm in (self.elongation_mm, self.elongation_mm - self.apart_mm))
-            lines.append(f"{read} mm at {plateau}, the running fit gives {fit} mm: check it; it is kept as it is")
+            read, fit = (self._length(mm, 2) for mm in (self.elongation_mm, self.elongation_mm - self.apart_mm))
+            lines.append(f"{read} at {plateau}, the other readings give {fit}: check it; it is kept as it is")
         elif self.far and self.elongation_mm is not None:
-            read = number(self.elongation_mm, 2, sign=True)
-            lines.append(f"{read} mm at {plateau}, {self.far}: check it; it is kept as it is")
+            read = self._length(self.elongation_mm, 2)
+            lines.append(f"{read} at {plateau}, {self.far}: check it; it is kept as it is")
         source = self.reading.source if self.reading is not None else ""
         return "\n".join([*lines, *([f"source: {source}"] if source else [])])
+
+    def _length(self, mm: float, decimals: int) -> str:
+        return in_units(self.units, "mm", mm, decimals)
 
     @property
     def cells(self) -> tuple[str, ...]:
         """Return the row as text: cycle, branch, pressure, elongation, remark."""
+        mm = self.units.shown("mm")
         return (
             str(self.step.cycle) if self.step.cycle else NOTHING,
             BRANCH_WORDS[self.step.branch],
-            target(self.step.target_kpa).removesuffix(" kPa"),
-            "" if self.elongation_mm is None else number(self.elongation_mm, 2),
-            self._remark[0] or self._far if self.apart_mm is None else f"{number(self.apart_mm, 1, sign=True)} mm?",
+            target(self.step.target_kpa, self.units).rpartition(" ")[0],
+            "" if self.elongation_mm is None else number(mm.value(self.elongation_mm), mm.decimals(2)),
+            self._remark[0] or self._far if self.apart_mm is None else f"{self._length(self.apart_mm, 1)}?",
         )
 
 
-READING_HEADINGS = ("Cycle", "Branch", "kPa", "mm", "Remark")
+READING_COLUMNS = 5
 
 
-def place(at: StepMark | ReadingRequest | Progress) -> str:
+def place(at: StepMark | ReadingRequest | Progress, units: ShownUnits = STORED_UNITS) -> str:
     """Return a plateau as text, e.g. `+30 kPa, unloading, cycle 2`."""
-    where = f"{BRANCH_WORDS[at.branch]}, cycle {at.cycle}" if at.cycle else "opening plateau"
-    return f"{target(at.target_kpa)}, {where}"
+    where = f"{BRANCH_WORDS[at.branch]}, cycle {at.cycle}" if at.cycle else "first plateau"
+    return f"{target(at.target_kpa, units)}, {where}"
 
 
 def readable(steps: tuple[StepMark, ...]) -> tuple[StepMark, ...]:
@@ -148,6 +153,7 @@ class ReadingsModel:
         self.session = session
         self._undo, self._nominal = undo, nominal
         self.resolution_mm = 0.5
+        self.units = STORED_UNITS  # in which elongations are typed and shown
         self.typed: dict[int, str] = {}
         self._bands: dict[float, tuple[float, float]] = {}
 
@@ -160,16 +166,30 @@ class ReadingsModel:
         """Return the reading that is due, or the next one of this run; empty without a run."""
         waiting, progress = snapshot.waiting_for_reading, snapshot.progress
         if waiting is not None:
-            return f"At {place(waiting)}"
+            return f"At {place(waiting, self.units)}"
         if snapshot.state is SessionState.RUNNING and progress is not None:
-            return f"Next: {place(progress)}"
+            return f"Next: {place(progress, self.units)}"
         return "Next: elongation, once the run is resumed" if snapshot.state is SessionState.PAUSED else ""
 
     def taken(self) -> str:
         """Return the reading of the last plateau that has one, e.g. `+2.50 taken`; empty without."""
         latest = self.latest()
         read = [mm for step in self.session.steps() if (mm := _mm(latest.get(step.number))) is not None]
-        return f"{number(read[-1], 2, sign=True)} taken" if read else ""
+        return f"{self.text(read[-1]).rpartition(' ')[0]} taken" if read else ""
+
+    def text(self, mm: float) -> str:
+        """Return an elongation with its unit."""
+        return in_units(self.units, "mm", mm, 2)
+
+    @property
+    def unit(self) -> str:
+        """Return the unit in which elongations are typed."""
+        return as_text(self.units.shown("mm").symbol)
+
+    @property
+    def headings(self) -> tuple[str, ...]:
+        """Return the headings of the table."""
+        return ("Cycle", "Branch", as_text(self.units.shown("kPa").symbol), self.unit, "Remark")
 
     def latest(self) -> dict[int, Reading]:
         """Return the newest reading of each plateau."""
@@ -185,15 +205,23 @@ class ReadingsModel:
         waiting = snapshot.waiting_for_reading
         due = waiting.step_id if waiting is not None else None
         return [
-            Row(step, readings.get(n := step.number), n == due, apart.get(n), far.get(n, ""), self.typed.get(n, ""))
+            Row(
+                step,
+                readings.get(n := step.number),
+                n == due,
+                apart.get(n),
+                far.get(n, ""),
+                self.typed.get(n, ""),
+                self.units,
+            )
             for step in steps
         ]
 
     def warning(self, step_id: int, text: str) -> str:
-        """Return why a typed elongation is implausible, with its plateau; empty where it is plausible, or no length."""
+        """Return why a typed elongation is far from what pressure and model allow; empty where it is not."""
         steps = {step.number: step for step in readable(self.session.steps())}
         try:
-            mm = parse_mm(text)
+            mm = parse_mm(text, self.units)
         except RequestError:
             return ""
         if step_id not in steps:
@@ -202,15 +230,17 @@ class ReadingsModel:
         read = [(other, x) for other in steps.values() if (x := _mm(latest.get(other.number))) is not None]
         before = [(other, x) for other, x in read if other.number < step_id][-1:]
         apart_mm = _outlying([*read, (step, mm)])[-1]
-        why = self._beyond_nominal(step.target_kpa, mm)
+        far = sum(bool(self._beyond_nominal(other.target_kpa, x)) for other, x in read)
+        fits = 2 * far <= len(read)  # else the unit is not the model's
+        why = self._beyond_nominal(step.target_kpa, mm) if fits else ""
         if apart_mm == apart_mm:
-            why = f"the curve so far gives {number(mm - apart_mm, 2, sign=True)} mm"
+            why = f"the other readings give {self.text(mm - apart_mm)}"
         elif not why and any(x == mm and abs(o.target_kpa - step.target_kpa) > APART_KPA for o, x in before):
-            why = f"the same as at {target(before[0][0].target_kpa)}"
-        return f"{number(mm, 2, sign=True)} mm? {why[:1].upper()}{why[1:]} at {place(step)}" if why else ""
+            why = f"the same as at {target(before[0][0].target_kpa, self.units)}"
+        return f"{self.text(mm)}? {why[:1].upper()}{why[1:]}" if why else ""
 
     def _beyond_nominal(self, target_kpa: float, mm: float) -> str:
-        """Return the nominal elongation with its band where a reading is outside it; else, or while unknown, empty."""
+        """Return the model's elongation with its band where a reading is outside it; else, or while unknown, empty."""
         if target_kpa not in self._bands:
             found = self._nominal(target_kpa)
             if found is None or not all(map(math.isfinite, found)):
@@ -219,7 +249,7 @@ class ReadingsModel:
         nominal_mm, band_mm = self._bands[target_kpa]
         if abs(mm - nominal_mm) <= band_mm:
             return ""
-        return f"nominal {number(nominal_mm, 1, sign=True)} \u00b1{number(band_mm, 1)} mm"
+        return f"model {in_units(self.units, 'mm', nominal_mm, 1, band=band_mm)}"
 
     def leave(self, step_id: int, text: str) -> str:
         """Keep text with the plateau that it was typed for; return that plateau, empty where it has its reading."""
@@ -227,7 +257,7 @@ class ReadingsModel:
         if not text.strip() or step is None or _mm(self.latest().get(step_id)) is not None:
             return ""
         self.typed[step_id] = text.strip()
-        return place(step)
+        return place(step, self.units)
 
     @staticmethod
     def summary(rows: list[Row]) -> str:
@@ -240,7 +270,7 @@ class ReadingsModel:
 
     def enter(self, step_id: int, text: str, source: str = "typed") -> None:
         """Enter the text typed for a plateau; an empty text withdraws its reading."""
-        self.put(step_id, parse_mm(text) if text.strip() else None, source)
+        self.put(step_id, parse_mm(text, self.units) if text.strip() else None, source)
 
     def put(self, step_id: int, elongation_mm: float | None, source: str, resolution_mm: float | None = None) -> None:
         """Enter a reading, undoably.
@@ -254,8 +284,10 @@ class ReadingsModel:
         before = self.latest().get(step_id)
         self.typed.pop(step_id, None)
         if (before.elongation_mm if before else None) != elongation_mm:
-            text = number(elongation_mm, 2) + " mm" if elongation_mm is not None else "withdrawal"
-            self._push(f"reading {text}", {step_id: elongation_mm}, source, resolution_mm)
+            step = next((step for step in self.session.steps() if step.number == step_id), None)
+            at = f" at {place(step, self.units)}" if step is not None else ""
+            what = f"reading {self.text(elongation_mm)}" if elongation_mm is not None else "withdrawal of the reading"
+            self._push(f"{what}{at}", {step_id: elongation_mm}, source, resolution_mm)
 
     def _push(
         self, text: str, values: dict[int, float | None], source: str, resolution_mm: float | None = None
@@ -277,14 +309,14 @@ class ReadingsModel:
         Without a plateau, a column of all plateaus begins at the first, a shorter one at the first without a reading.
         Of several columns the last is taken. All values are checked before any is stored.
         """
-        values = column_of_lengths(text)
+        values = column_of_lengths(text, self.units)
         first = self._first_for(len(values)) if first_step_id is None else first_step_id
         numbers = [step.number for step in readable(self.session.steps()) if step.number >= first]
         if len(values) > len(numbers):
             cause = f"{len(values)} values were pasted for {count(len(numbers), 'plateau')}"
             raise RequestError(cause, "Select the plateau of the first value, then paste again.")
         if not values:
-            raise RequestError("the clipboard holds no values", "Copy a column of elongations in mm first.")
+            raise RequestError("the clipboard holds no values", f"Copy a column of elongations in {self.unit} first.")
         entered: dict[int, float | None] = dict(zip(numbers, values, strict=False))
         self._push(f"paste of {len(values)} readings", entered, "pasted")
         return len(values)
@@ -313,21 +345,22 @@ def _outlying(read: Sequence[tuple[StepMark, float]]) -> list[float]:
     return list(far.tolist())
 
 
-def parse_mm(text: str) -> float:
-    """Return a typed elongation."""
+def parse_mm(text: str, units: ShownUnits = STORED_UNITS) -> float:
+    """Return a typed elongation, mm."""
+    unit = as_text(units.shown("mm").symbol)
     try:
-        value = plain_number(text)
+        value = stored_number(text, units, "mm")
     except ValueError:
-        remedy = "Type millimetres, such as 2.31 or \u22120.5."
+        remedy = f"Type a number in {unit}, such as 2.31 or \u22120.5."
         raise RequestError(f"{text.strip()!r} is not a length", remedy) from None
     if abs(value) > PLAUSIBLE_MM:
-        cause = f"{number(value, 2)} mm is longer than the actuator"
-        raise RequestError(cause, "Type millimetres, positive when longer.")
+        cause = f"{in_units(units, 'mm', value, 2)} is longer than the actuator"
+        raise RequestError(cause, f"Type a number in {unit}, positive when longer.")
     return value
 
 
-def column_of_lengths(text: str) -> list[float]:
-    """Return the last column of text, without a heading row."""
+def column_of_lengths(text: str, units: ShownUnits = STORED_UNITS) -> list[float]:
+    """Return the last column of text in mm, without a heading row."""
     lines = [line for line in text.replace("\r\n", "\n").split("\n") if line.strip() and not line.startswith("#")]
     separator = next((mark for mark in ("\t", ";") if any(mark in line for line in lines)), None)
     if separator is None and all(line.count(",") >= 1 and "." in line for line in lines[1:]):
@@ -336,7 +369,7 @@ def column_of_lengths(text: str) -> list[float]:
     values = []
     for i, cells in enumerate(rows):
         try:
-            values.append(parse_mm(cells[-1]))
+            values.append(parse_mm(cells[-1], units))
         except RequestError as error:
             if i == 0:
                 continue  # a heading

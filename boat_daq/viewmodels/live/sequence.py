@@ -20,11 +20,12 @@ from boat_daq.engine.plan import Plan, built_in_plans, plan_from_toml
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import Limits, Phase, SessionSnapshot, SessionState
 from boat_daq.engine.toml_values import BadValue, read_text
-from boat_daq.formatting import duration, number, plain_number, target
+from boat_daq.formatting import count, duration, in_units, stored_number, target
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import Change, UndoHistory
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import BoatDaqError, RequestError
+from protocol.base.units import MINUS, STORED_UNITS, ShownUnits, as_text
 from protocol.base.whole_file import write_whole
 
 
@@ -61,6 +62,7 @@ STATE_TEXTS = {  # shape, text, buttons
     S.ABORTED: ("\u25a0", "Stopped early", ("arm",)),
     S.FAULT: ("\u25a0", "Fault, vented", ("clear",)),
 }
+HELD = (S.ARMED, S.RUNNING, S.PAUSED, S.FINISHING)  # the session has a plan
 PHASE_WORDS = {
     Phase.RAMPING: "ramping", Phase.SETTLING: "settling", Phase.DWELLING: "holding", Phase.VENTING: "venting",
     Phase.WAITING_FOR_READING: "waiting for the reading",
@@ -165,6 +167,7 @@ class SequenceModel:
         self.refused: dict[str, str] = {}  # field -> why its last entry is invalid
         self._typed: dict[str, int | float] = {}  # invalid alone; tried again with the next entry
         self.revision = 0
+        self.units = STORED_UNITS  # in which the plan is shown and typed
         self._needs_readings = False
 
     def _store(self) -> None:
@@ -174,16 +177,32 @@ class SequenceModel:
 
     @property
     def estimate(self) -> str:
-        """Return the plan in a line: cycles, plateaus, time."""
-        plateaus, lasts_s = _extent(self.plan)
-        size = f"{plateaus} plateaus, " if plateaus else ""
-        return f"{size}about {duration(lasts_s)}" + (" plus reading time" if self.wait_for_reading and plateaus else "")
+        """Return plateaus and time of the chosen plan."""
+        return self._estimate(self.plan, waits=self.wait_for_reading)
+
+    @staticmethod
+    def _estimate(plan: Plan, *, waits: bool) -> str:
+        plateaus, lasts_s = _extent(plan)
+        size = f"{count(plateaus, 'plateau')}, " if plateaus else ""
+        return f"{size}about {duration(lasts_s)}" + (" plus your readings" if waits and plateaus else "")
+
+    def in_force(self, snapshot: SessionSnapshot) -> Plan:
+        """Return the plan that is armed or running, else the chosen one."""
+        held = snapshot.state in HELD and snapshot.plan is not None
+        return snapshot.plan if held and snapshot.plan is not None else self.plan
+
+    def line(self, snapshot: SessionSnapshot) -> str:
+        """Return name, plateaus and time of the plan that is drawn."""
+        plan = self.in_force(snapshot)
+        waits = self.wait_for_reading if plan == self.plan else self._needs_readings
+        return f"{plan.name}: {self._estimate(plan, waits=waits)}"
 
     def drawing(self, snapshot: SessionSnapshot) -> StaircaseDrawing:
-        """Return the staircase with limits and the done part of the run."""
-        limits, plan = snapshot.limits, snapshot.plan or self.plan
+        """Return the plan that is armed, runs or would run next, with limits and the done part."""
+        limits, plan = snapshot.limits, self.in_force(snapshot)
         shown = limits is not None and not plan.controls_elongation
-        return drawing(plan, done_s(plan, snapshot), (limits.min_kpa, limits.max_kpa) if limits and shown else None)
+        done = done_s(plan, snapshot) if plan == snapshot.plan else 0.0
+        return drawing(plan, done, (limits.min_kpa, limits.max_kpa) if limits and shown else None)
 
     def choose(self, name: str) -> None:
         """Select one of the plans by name."""
@@ -217,8 +236,9 @@ class SequenceModel:
     def edit(self, key: str, text: str) -> str:
         """Set one field from text; return why it is invalid, or "". The next entry tries an invalid one again."""
         entry = next(e for e in PLAN_ENTRIES if e.key == key)
+        shown = text == self.value(key)  # rounded, not typed
         try:
-            value = plain_number(text)
+            value = getattr(self.plan, key) if shown else stored_number(text, self.units, entry.unit or "1")
         except ValueError:
             return self._refuse(key, f"{entry.label}: {text!r} is not a number")
         if key in _WHOLE and value != int(value):
@@ -231,7 +251,7 @@ class SequenceModel:
         alone = {key: number_typed}
         for changed in (self._typed | alone, alone):
             try:
-                plan = replace(self.plan, **changed)  # type: ignore[arg-type]
+                plan = replace(self.plan, **changed)
             except BadValue as error:
                 why = ". ".join(map(_in_terms_of_form, (f"'{error.key}' {error.why}", error.remedy))).strip()
             else:
@@ -249,7 +269,12 @@ class SequenceModel:
 
     def value(self, key: str) -> str:
         """Return a field as text."""
-        return f"{getattr(self.plan, key):g}".replace("-", "\u2212")
+        entry = next(e for e in PLAN_ENTRIES if e.key == key)
+        return f"{self.units.shown(entry.unit or '1').value(getattr(self.plan, key)):g}".replace("-", MINUS)
+
+    def unit(self, stored: str) -> str:
+        """Return the unit in which values of a stored one are shown."""
+        return as_text(self.units.shown(stored).symbol)
 
     def _take(self, plan: Plan) -> None:
         self.plan = plan
@@ -289,30 +314,31 @@ class SequenceModel:
     def set_pressure(self, text: str, ramp: str) -> None:
         """Command a manual pressure."""
         try:
-            target_kpa, ramp_kpa_per_s = plain_number(text), plain_number(ramp)
+            target_kpa = stored_number(text, self.units, "kPa")
+            ramp_kpa_per_s = stored_number(ramp, self.units, "kPa/s")
         except ValueError:
-            raise RequestError(
-                f"{text!r} kPa at {ramp!r} kPa/s are not two numbers", "Type numbers, such as 20 and 5."
-            ) from None
+            cause = f"{text!r} {self.unit('kPa')} at {ramp!r} {self.unit('kPa/s')} are not two numbers"
+            raise RequestError(cause, "Type numbers, such as 20 and 5.") from None
         self.session.set_pressure(target_kpa, ramp_kpa_per_s)
 
     def set_elongation(self, text: str) -> None:
         """Control the elongation: close the loop, or move its setpoint."""
         try:
-            mm = plain_number(text)
+            mm = stored_number(text, self.units, "mm")
         except ValueError:
-            raise RequestError(f"{text!r} mm is not a number", "Type a number, such as 1.5.") from None
+            raise RequestError(f"{text!r} {self.unit('mm')} is not a number", "Type a number, such as 1.5.") from None
         controlled = self.session.snapshot().elongation is not None
         self.session.control_elongation(mm, None if controlled else self._regulator(), hold=self.hold)
 
 
-def elongation_text(snapshot: SessionSnapshot) -> str:
+def elongation_text(snapshot: SessionSnapshot, units: ShownUnits = STORED_UNITS) -> str:
     """Return the control of the elongation in a line; empty while it is not controlled."""
     found = snapshot.elongation
     if found is None:
         return ""
-    measured = "not known" if math.isnan(found.elongation_mm) else f"{number(found.elongation_mm, 2, sign=True)} mm"
-    parts = [f"Setpoint {number(found.setpoint_mm, 2, sign=True)} mm, measured {measured}"]
+    known = not math.isnan(found.elongation_mm)
+    measured = in_units(units, "mm", found.elongation_mm, 2) if known else "not known"
+    parts = [f"Setpoint {in_units(units, 'mm', found.setpoint_mm, 2)}, measured {measured}"]
     if found.saturated:
         parts.append("pressure at its limit or ramp")
     parts += [f"sensor {sensor} lost" for sensor in found.lost]
@@ -332,21 +358,21 @@ def state_text(snapshot: SessionSnapshot) -> str:
     return " ".join(STATE_TEXTS[snapshot.state][:2])
 
 
-def progress_text(snapshot: SessionSnapshot, leave_out: int = 0) -> str:
+def progress_text(snapshot: SessionSnapshot, leave_out: int = 0, units: ShownUnits = STORED_UNITS) -> str:
     """Return cycle, step and time left in a line; `leave_out` 1 leaves out the phase, 2 the step too."""
     progress = snapshot.progress
     ended = snapshot.run_ended
     if snapshot.state in (SessionState.FAULT, SessionState.ABORTED) and ended is not None and ended.aborted:
         return ended.cause
     if progress is None:
-        held = elongation_text(snapshot)
+        held = elongation_text(snapshot, units)
         return f"elongation controlled: {held[:1].lower()}{held[1:]}" if held else ""
-    where = f"cycle {progress.cycle} of {progress.cycles}" if progress.cycle else "opening"
+    where = f"cycle {progress.cycle} of {progress.cycles}" if progress.cycle else "first plateau"
     left = f"{duration(progress.time_left_s)} left"
     step = f"step {progress.step} of {progress.steps}"
     phase = PHASE_WORDS.get(progress.phase, progress.phase.value)
     mm = progress.target_mm
-    goal = target(progress.target_kpa) if mm is None else f"{number(mm, 2, sign=True)} mm"
+    goal = target(progress.target_kpa, units) if mm is None else in_units(units, "mm", mm, 2)
     doing = "will repeat this cycle" if snapshot.state is SessionState.PAUSED else f"{phase} at {goal}"
     parts = ((where, step, left, doing), (where, step, left), (where, left))
     return "   ".join(parts[leave_out])
@@ -362,10 +388,11 @@ def done_s(plan: Plan, snapshot: SessionSnapshot) -> float:
     return float(min(edges[i] + progress.step_time_s, edges[i + 1]))
 
 
-def limits_text(limits: Limits | None) -> str:
+def limits_text(limits: Limits | None, units: ShownUnits = STORED_UNITS) -> str:
     """Return the limits in force and their origin."""
     if limits is None:
         return ""
-    low, high = number(limits.min_kpa, 0, sign=True), number(limits.max_kpa, 0, sign=True)
+    high = target(limits.max_kpa, units)
+    low = target(limits.min_kpa, units).removesuffix(high[high.index(" ") :])
     whose = " and ".join(dict.fromkeys((limits.min_source, limits.max_source)))
-    return f"limits {low} to {high} kPa, of the {whose}"
+    return f"Limits {low} to {high}, of the {whose}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
+import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtTest import QTest
@@ -16,8 +17,10 @@ from boat_daq.engine.snapshot import (
     ReadingRequest,
     SessionState,
 )
+from protocol.base.units import STORED_UNITS, ShownUnits
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.gui.windows import ASKED, PATIENCE_MS, RAMPING, Grid, run_shortcut
+from tests.boat_daq.viewmodels.live.test_readings import plateaus
 
 
 def test_reading_bar_keeps_its_place_during_a_run(running, qtbot):
@@ -191,7 +194,7 @@ def test_wait_for_a_reading_counts_down(running):
     for seconds in (600.0, 59.0):
         at_plateau(running, dataclasses.replace(LATER, time_left_s=seconds))
         seen.append((left.text(), left.property("state") or "", left.width()))
-    assert [s[:2] for s in seen] == [("10:00 left", ""), ("0:59 left", "warning")]
+    assert [s[:2] for s in seen] == [("skipped in 10:00", ""), ("skipped in 0:59", "warning")]
     assert seen[0][2] == seen[1][2]
     running.model.session.change(waiting_for_reading=None)
     running.refresh()
@@ -199,21 +202,47 @@ def test_wait_for_a_reading_counts_down(running):
 
 
 def test_implausible_reading_is_warned_of_beside_its_field(running):
-    """Before Enter, also to a screen reader; Enter keeps it nevertheless."""
+    """Before Enter, also to a screen reader; Enter asks first, another text or a second Enter decides."""
     running.model.readings._nominal = lambda kpa: (0.07 * kpa, 0.55)
     bar = running.live.reading
     at_plateau(running, ASKED)
     QTest.keyClicks(bar.field, "1")
     assert bar.question.property("state") == ""
     QTest.keyClicks(bar.field, "4")
-    assert bar.question.text() == "\u25b2 +14.00 mm? Nominal +1.4 \u00b11.1 mm at +20 kPa, unloading, cycle 1"
+    assert bar.question.text() == "\u25b2 +14.00 mm? Model +1.4 \u00b11.1 mm"
     assert bar.question.property("state") == "warning"
-    assert "Nominal" in bar.field.accessibleDescription()
+    assert "Model" in bar.field.accessibleDescription()
     running.refresh()
-    assert "Nominal" in bar.question.text()
+    assert "Model" in bar.question.text()
+    QTest.keyClick(bar.field, Qt.Key.Key_Return)
+    running.refresh()
+    assert running.model.session.kept == []
+    assert bar.question.text() == "\u25b2 +14.00 mm? Model +1.4 \u00b11.1 mm: Enter again to take 14"
+    QTest.keyClicks(bar.field, "0")
+    QTest.keyClick(bar.field, Qt.Key.Key_Backspace)
+    QTest.keyClick(bar.field, Qt.Key.Key_Return)
+    assert running.model.session.kept == []
     QTest.keyClick(bar.field, Qt.Key.Key_Return)
     assert running.model.session.kept[-1].elongation_mm == 14.0
     assert (bar.question.property("state"), bar.field.accessibleDescription()) == ("", "")
+
+
+def test_reading_is_typed_and_shown_in_the_chosen_units(running):
+    """Truth: 1 cm = 10 mm, 1 kPa = 10 mbar; the question, the field, the table and undo agree."""
+    bar, model = running.live.reading, running.model
+    model.unit_choice.choose(ShownUnits.of("mbar,cm"))
+    at_plateau(running, ASKED)
+    assert bar.question.text() == "At +200 mbar, unloading, cycle 1"
+    assert bar.unit.text() == "cm, press Enter"
+    QTest.keyClicks(bar.field, "0.14")
+    QTest.keyClick(bar.field, Qt.Key.Key_Return)
+    assert model.session.kept[-1].elongation_mm == pytest.approx(1.4)
+    model.session.marks = plateaus(1)[:5]
+    row = model.readings.rows(model.snapshot)[3]
+    assert (row.cells[2], row.cells[3], model.readings.headings[2:4]) == ("+200", "0.140", ("mbar", "cm"))
+    model.undo.undo()
+    assert model.notices.current().cause.startswith("Undone: reading +0.140 cm")
+    model.unit_choice.choose(STORED_UNITS)
 
 
 def test_grid_of_the_virtual_board_is_read_by_one_key(running):

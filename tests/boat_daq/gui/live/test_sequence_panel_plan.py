@@ -6,6 +6,7 @@ from itertools import product
 
 from PySide6.QtTest import QTest
 
+from protocol.base.units import ShownUnits
 from tests.boat_daq.gui.windows import NARROW
 
 
@@ -29,6 +30,42 @@ def test_invalid_plan_is_marked_and_not_armed(live):
     assert (model.plan.high_kpa, model.plan.step_kpa, model.refused) == (40.0, 20.0, {})
     live.model.run.press("arm")
     assert "arm" in live.model.session.calls
+
+
+def test_cycles_and_readings_are_in_sight_and_the_rest_behind_edit(live):
+    """Ten fields hid the two that are set; a plan of segments has no highest, lowest and step."""
+    live.live.pane.setCurrentWidget(live.live.plan)
+    plan = live.live.plan
+    live.refresh()
+    assert plan.fields["cycles"].isVisible()
+    assert plan.ask_readings.isVisible()
+    assert not plan.fields["step_kpa"].isVisible()
+    plan.edit.click()
+    assert plan.fields["step_kpa"].isVisible()
+    live.model.sequence.choose("step-test")
+    live.refresh()
+    assert not any(plan.fields[key].isVisible() for key in ("high_kpa", "low_kpa", "step_kpa"))
+
+
+def test_plan_target_and_limits_are_in_the_chosen_units(live):
+    """Truth: 1 kPa = 10 mbar. What is shown is what was typed; leaving a field changes nothing."""
+    live.live.pane.setCurrentWidget(live.live.plan)
+    plan, model = live.live.plan, live.model
+    model.unit_choice.choose(ShownUnits.of("mbar"))
+    live.refresh()
+    assert (plan.fields["high_kpa"].text(), plan.rows["high_kpa"][2].text()) == ("500", "mbar")
+    assert plan.limits.text() == "Limits \u2212400 to +500 mbar, of the plan"
+    plan.fields["high_kpa"].editingFinished.emit()
+    assert model.undo.done == []
+    plan.fields["high_kpa"].setText("400")
+    plan.fields["high_kpa"].editingFinished.emit()
+    assert model.sequence.plan.high_kpa == 40.0
+    commanded = []
+    model.session.set_pressure = lambda *values: commanded.append(values)
+    plan.target.setText("200")
+    plan.ramp.setText("50 mbar/s")
+    plan._set_pressure()
+    assert commanded == [(20.0, 5.0)]
 
 
 def test_invalid_plan_names_its_field(live):
@@ -57,6 +94,7 @@ def test_edit_of_the_plan_is_undone(live):
 def test_the_form_is_not_wider_than_its_tab(live):
     """With its vertical scroll bar nothing is cut at the right; at 853 pixels the units were."""
     live.live.pane.setCurrentWidget(live.live.plan)
+    live.live.plan.edit.click()
     for plan, size in product(("calibration", "repeatability"), ((1280, 720), (NARROW, 600))):
         live.resize(*size)
         live.model.sequence.choose(plan)
@@ -70,6 +108,7 @@ def test_both_manual_fields_are_in_sight(live):
     """Ctrl+G shows the pressure, with the focus, and the elongation below it."""
     live.resize(1280, 800)
     live.live.show_manual()
+    QTest.qWait(50)
     plan = live.live.plan
     for widget in (plan.target, plan.elongation_button):
         assert widget.visibleRegion().boundingRect().height() >= widget.height() - 1
@@ -91,11 +130,11 @@ def test_the_uncertainty_has_the_unit_of_its_plan(live):
         form.asked.editingFinished.emit()
         live.refresh()
 
-    assert shown("calibration") == ("End at U", "", "mm", "mm", True)
+    assert shown("calibration") == ("Stop at U below", "", "mm", "mm", True)
     enter("0.08")
-    assert shown("repeatability") == ("End at \u00b1", "", "% FSO", "% FSO", True)
+    assert shown("repeatability") == ("Stop at \u00b1 below", "", "% FSO", "% FSO", True)
     enter("0.5")
-    assert shown("calibration") == ("End at U", "0.08", "mm", "mm", True)
+    assert shown("calibration") == ("Stop at U below", "0.08", "mm", "mm", True)
     assert shown("step-test")[1:3] == ("", "")
     assert not form.asked.isEnabled()
     assert shown("repeatability")[1] == "0.5"

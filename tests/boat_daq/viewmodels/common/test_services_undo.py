@@ -8,7 +8,8 @@ from boat_daq.viewmodels.common.services import Change, UndoHistory
 def test_changes_are_undone_in_order():
     """Undo takes the last change back first; redo does it again; a new change drops what was undone."""
     values = [0]
-    history = UndoHistory()
+    reported: list[str] = []
+    history = UndoHistory(reported.append)
     for n in (1, 2):
         history.push(Change(f"{n}", lambda n=n: values.append(n), values.pop))
     history.undo()
@@ -19,3 +20,4 @@ def test_changes_are_undone_in_order():
     history.push(Change("3", lambda: values.append(3), values.pop))
     assert values == [0, 1, 3]
     assert history.undone == []
+    assert reported == ["Undone: 2", "Redone: 2", "Undone: 2"]

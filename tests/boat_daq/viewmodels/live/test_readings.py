@@ -46,7 +46,7 @@ def test_warning_names_plateau_and_distance():
     row = ReadingsModel(session, UndoHistory()).rows(session.snapshot())[13]
     assert row.cells[-1].startswith("+") and row.cells[-1].endswith(" mm?")
     assert (mark.target_kpa, mark.branch, mark.cycle) == (0.0, "loading", 1)
-    assert " mm at 0 kPa, loading, cycle 1, the running fit gives " in row.tip
+    assert " mm at 0 kPa, loading, cycle 1, the other readings give " in row.tip
 
 
 @pytest.mark.parametrize(
@@ -153,11 +153,13 @@ def test_implausible_reading_is_named_before_it_is_entered():
     """25 mm at +30 kPa, and 2.50 mm at every plateau, used to pass in silence."""
     model, due = of_first_plateaus(3.5, 2.9)
     assert due.target_kpa == 30.0
-    assert model.warning(due.number, "25") == "+25.00 mm? Nominal +2.1 \u00b11.1 mm at +30 kPa, unloading, cycle 1"
+    assert model.warning(due.number, "25") == "+25.00 mm? Model +2.1 \u00b11.1 mm"
     assert [model.warning(due.number, text) for text in ("2.0", "3.1", "", "-", "2..5")] == [""] * 5
     model, due = of_first_plateaus(2.5)
-    assert model.warning(due.number, "2.5") == "+2.50 mm? The same as at +50 kPa at +40 kPa, unloading, cycle 1"
+    assert model.warning(due.number, "2.5") == "+2.50 mm? The same as at +50 kPa"
     assert model.warning(due.number, "2.6") == ""
+    model, due = of_first_plateaus(9.5, 8.9)
+    assert model.warning(due.number, "8.1") == ""  # a unit with a longer stroke is asked about once
 
 
 def test_reading_off_the_curve_so_far_is_named_without_a_nominal():
@@ -167,15 +169,15 @@ def test_reading_off_the_curve_so_far_is_named_without_a_nominal():
     model = ReadingsModel(session, UndoHistory())
     right = elongation(session.marks[-1])
     assert model.warning(900, f"{right}") == ""
-    assert f"curve so far gives {right:+.0f}"[:-1] in model.warning(900, f"{right + 2}").replace("\u2212", "-")
+    assert f"other readings give {right:+.0f}"[:-1] in model.warning(900, f"{right + 2}").replace("\u2212", "-")
 
 
 def test_row_far_from_the_nominal_is_marked():
     """Pasted values pass no field: they are marked in the table."""
     model, _ = of_first_plateaus(3.5, 9.0)
     rows = model.rows(model.session.snapshot())
-    assert [row.cells[-1] for row in rows] == ["", "nominal +2.8?", ""]
-    assert "+9.00 mm at +40 kPa, unloading, cycle 1, nominal" in rows[1].tip
+    assert [row.cells[-1] for row in rows] == ["", "model +2.8?", ""]
+    assert "+9.00 mm at +40 kPa, unloading, cycle 1, model" in rows[1].tip
 
 
 def test_text_that_was_not_entered_stays_with_its_plateau():

@@ -43,6 +43,21 @@ def test_stored_plan_that_is_invalid_is_ignored(tmp_path: Path, kept: str) -> No
     assert sequence(tmp_path).plan == sequence(tmp_path / "none").plan
 
 
+def test_drawing_and_text_are_of_the_plan_that_runs_next(tmp_path: Path) -> None:
+    """After a run of many cycles another plan was chosen: its text was beside the drawing of the old one."""
+    model = sequence(tmp_path)
+    many, one = model.plans["repeatability"], dataclasses.replace(model.plan, cycles=1)
+    ended = dataclasses.replace(connected(), plan=many)
+    held = {state: dataclasses.replace(connected(), plan=one, state=state) for state in SessionState}
+    limits = (-40.0, 50.0)
+    assert model.drawing(ended) == drawing(model.plan, 0.0, limits)
+    assert model.line(ended) == "calibration: 91 plateaus, about 6:08 plus your readings"
+    for state in (SessionState.ARMED, SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING):
+        assert model.drawing(held[state]) == drawing(one, 0.0, limits)
+        assert model.line(held[state]).startswith("calibration: 19 plateaus, ")
+    assert model.drawing(held[SessionState.ABORTED]) == drawing(model.plan, 0.0, limits)
+
+
 def test_staircase_has_the_duration_of_the_plan():
     """The picture ends when the plan's estimate ends, and each step begins where the one before ended."""
     time_s, pressure_kpa = staircase(PLAN)

@@ -56,7 +56,7 @@ class BoardRestarted:
 
 @dataclass(frozen=True, slots=True)
 class ClockWentBack:
-    """The board's clock went back by `by_us` while the index continued: a new segment begins."""
+    """The board's clock is `by_us` behind what the index and the sampling period say: a new segment begins."""
 
     by_us: int
 

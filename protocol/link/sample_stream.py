@@ -243,7 +243,7 @@ class SampleStream:
                     self._order = int(rows["index"][back])
                 return
             by_us = int(-elapsed[back] if elapsed[back] < 0 else self._raw_time - rows["time_us"][back])
-            events.append(ClockWentBack(by_us))
+            events.append(ClockWentBack(by_us + int(steps[back]) * max(self._period, 0)))
             self._time, self._raw_time = self._time - by_us, int(rows["time_us"][back])
             self._new_clock()
             rows, steps = rows[back:], steps[back:]

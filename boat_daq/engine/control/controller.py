@@ -66,7 +66,7 @@ class Controller:
         self._regulator: tuple[Regulator, bool] | None = None  # of an armed plan in millimetres, and whether it holds
         self._newest: Columns | None = None
         self.hold_samples = False  # request no samples after HELLO yet: a recording opens first
-        self.first_us = 0  # board time of the first sample on this link
+        self.sampled_us = 0  # board time between samples so far, over all clocks of the board
         self.pressurised = False  # a pressure was sent, and the unit has not been seen vented since
         self.mv_per_count = 1.0
         self._cleared_by = ""
@@ -320,14 +320,14 @@ class Controller:
         if not len(block):
             return
         board, stream = self.board, self.stream
-        board.board_us = int(block.time_us[-1])
+        first_us, before_us, board.board_us = int(block.time_us[0]), board.board_us, int(block.time_us[-1])
+        goes_on = stream.begun and first_us > before_us
+        self.sampled_us += board.board_us - (before_us if goes_on else first_us)
         board.meter.add(board.now_ns, board.board_us)
         first, was_silent = not stream.begun, stream.silent
         stream.came(board.now_ns)
         if was_silent:
             board.note(MessageKind.SAMPLES_AGAIN, "data resumed", "info")
-        if first:
-            self.first_us = int(block.time_us[0])
         self.last = last_sample(block, self.target_kpa)
         self.preflight.recent_kpa.extend(block.pressure_kpa[block.pressure_known].tolist())
         found = self.interlock.inspect(block)

@@ -30,7 +30,7 @@ _OF_THE_BOARD = ("board_id", "vref_mv", "adc_bits", "polarity", "rate_hz", "unit
 
 
 class ActiveRecording:
-    """Begins and ends the recording of one session. `since_us`: board time at which the present recording began."""
+    """Begins and ends the recording of one session. `since_us`: board time sampled before the present one."""
 
     def __init__(
         self,
@@ -72,7 +72,7 @@ class ActiveRecording:
                 reader.add_recorder(recorder)
                 self._journal.begin(recorder, broken)
                 control.sequencer.marks[:] = broken.marks if broken else ()
-                self.since_us = control.board.board_us
+                self.since_us = control.sampled_us
         note("info", f"{RECORDING}{path}")
         if raced:
             recorder.close(RunEnd.STOPPED)

@@ -430,7 +430,7 @@ class Session:
             control, recorder, port = self._control.controller, self._journal.recorder, self._link.port
             latched, link = control.interlock.latched, self._link.state
             up = link is LinkState.UP
-            since_us = max(self.recording.since_us, control.first_us)
+            recorded_us = control.sampled_us - self.recording.since_us
             return SessionSnapshot(
                 state=control.sequencer.state,
                 link=LinkState.SILENT if up and control.stream.silent else link,
@@ -452,7 +452,7 @@ class Session:
                 messages=tuple(self._journal.messages),
                 run_ended=control.sequencer.ended,
                 recording=recorder.path if recorder else None,
-                recorded_s=(control.board.board_us - since_us) / 1e6 if recorder else 0.0,
+                recorded_s=recorded_us / 1e6 if recorder else 0.0,
                 unit=self.unit_under_test.name,
                 elongation=control.loop.state() if control.loop is not None else None,
             )

@@ -161,8 +161,9 @@ class PlainDecoder:
             elapsed = signed(raw - before)
             if step > 1:
                 elapsed += max(round((step * self.period - elapsed) / WRAP), 0) * WRAP
-            self.went_back.append(-elapsed if elapsed < 0 else before - raw)
-            self.last = (self.last[0], raw, self.last[2] - self.went_back[-1])
+            behind = -elapsed if elapsed < 0 else before - raw
+            self.went_back.append(behind + step * max(self.period, 0))
+            self.last = (self.last[0], raw, self.last[2] - behind)
             self.period, self.fresh = 0, True
         self._keep(sample, step, 0)
 

@@ -30,7 +30,7 @@ def shadow_section(compared: AgainstShadow) -> Section:
         return Section(_TITLE, (f"Not compared: {compared.void}.",))
     band = "Measured minus nominal elongation; the band is that of the modulus, k = 2."
     residual = "the rms of measured pressure minus the pressure that the measured elongation corresponds to"
-    drift = f"Drift of the deviation: {_drift(result)}."
+    drift = f"Drift of the deviation: {result.trend}."
     per_cycle = (partial(_levels, compared), partial(_residuals, compared))
     alarms = tuple((str(alarm.cycle), alarm.sentence) for alarm in result.alarms)
     none = "No alarm: neither leak, softening, stiffening, drift nor disagreement of the sensors was found."
@@ -49,8 +49,8 @@ def _summary(result: Replay) -> str:
     mean, rms, worst = (rounded(float(found[f"deviation_{name}_mm"]), 0.05) for name in ("mean", "rms", "worst"))
     return (
         f"The measured elongation deviates from the nominal one by {mean} mm on average ({rms} mm rms, at most {worst} "
-        f"mm); the band from the modulus is ± {rounded(2.0 * float(np.nanmean(result.band_mm)), 0.05)} mm on average, "
-        f"and {found['inside_band_percent']:.0f} % of {found['compared']} samples lie inside it."
+        f"mm, {found['compared']} samples); the nominal one is uncertain by ± "
+        f"{rounded(2.0 * float(np.nanmean(result.band_mm)), 0.05)} mm (k = 2) from the modulus."
     )
 
 
@@ -83,10 +83,3 @@ def _residuals(compared: AgainstShadow, ax: Axes) -> None:
     ax.plot(compared.numbers, compared.residual_kpa, "o-", color=style.PRESSURE_COLOUR, markersize=2.5, lw=0.8)
     ax.set_ylim(0.0, 1.15 * float(np.nanmax(np.append(compared.residual_kpa, 1e-3))))
     over_cycles(ax, "residual rms, kPa", "Pressure residual per cycle")
-
-
-def _drift(result: Replay) -> str:
-    low, high = result.drift_interval
-    if not np.isfinite(result.drift_mm_per_cycle):
-        return "fewer than three cycles, not given"
-    return f"{1000 * result.drift_mm_per_cycle:+.1f} µm a cycle [{1000 * low:+.1f}, {1000 * high:+.1f}] (Theil-Sen)"

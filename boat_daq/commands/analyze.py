@@ -164,8 +164,7 @@ def _show_shadow(shadow: Mapping[str, Any]) -> None:
         return
     show(
         f"shadow: {shadow['deviation_mean_mm']:+.3f} mm from nominal on average, "
-        f"{shadow['deviation_rms_mm']:.3f} mm rms, "
-        f"{shadow['inside_band_percent']:.0f} % inside the band, {len(shadow['alarms'])} alarms"
+        f"{shadow['deviation_rms_mm']:.3f} mm rms, {len(shadow['alarms'])} alarms"
     )
     for alarm in shadow["alarms"]:
         notify(f"alarm in cycle {alarm['cycle']}: {alarm['sentence']}")

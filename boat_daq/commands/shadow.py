@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, show, writing
+from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, show, show_table, writing
 from boat_daq.commands.options import FidelityOption, PlotOption, RunArgument, one_of
 from boat_daq.commands.shadow_model import (
     MeshOption,
@@ -332,8 +332,11 @@ def replay(
         show("SIMULATED")
     show(
         f"{summary['cycles']} cycles; deviation {summary['deviation_mean_mm']:+.3f} mm on average, "
-        f"{summary['deviation_rms_mm']:.3f} mm rms, {summary['inside_band_percent']:.0f} % inside the band (k = 2)"
+        f"{summary['deviation_rms_mm']:.3f} mm rms; drift {result.trend}"
     )
+    show_table(("cycle", "mean deviation, mm"), [(str(k), f"{mm:+.3f}") for k, mm in enumerate(result.levels_mm, 1)])
+    if not result.alarms:
+        show("no alarm")
     for alarm in result.alarms:
         show(f"ALARM in cycle {alarm.cycle}: {alarm.sentence}")
     for cause in result.left_out:

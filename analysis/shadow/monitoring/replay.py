@@ -7,7 +7,7 @@ same monitor as live, so a replay raises the alarms that the session raised.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -42,6 +42,7 @@ class Replay:
     residual_kpa: FloatArray
     band_mm: FloatArray  # shape (n,), standard uncertainty of nominal elongation from E
     cycle_start_s: FloatArray  # shape (cycles,)
+    levels_mm: FloatArray  # shape (cycles,), mean deviation of each
     figures: tuple[CycleFigures, ...]
     alarms: tuple[Alarm, ...]
     # drift_mm_per_cycle, drift_interval: Theil-Sen slope of the cycles' mean deviation with its 95 % interval
@@ -50,10 +51,19 @@ class Replay:
     left_out: tuple[str, ...]  # cycles without figures, each with its cause
     smallest_shift: dict[str, float] = field(default_factory=dict)
 
+    @property
+    def trend(self) -> str:
+        """The drift of the cycles' mean deviation in words, as in `+0.3 um a cycle [-3.0, +3.2]: none found`."""
+        low, high = self.drift_interval
+        if not np.isfinite(self.drift_mm_per_cycle):
+            return "fewer than three cycles, not given"
+        found = "none found" if low <= 0.0 <= high else "significant"
+        text = f"{1000 * self.drift_mm_per_cycle:+.1f} \u00b5m a cycle [{1000 * low:+.1f}, {1000 * high:+.1f}]"
+        return f"{text} (Theil-Sen, 95 %): {found}"
+
     def summary(self) -> dict[str, Any]:
         """Return the numbers of a report, JSON-ready apart from NaN."""
         known = self.deviation_mm[np.isfinite(self.deviation_mm)]
-        inside = np.abs(self.deviation_mm) <= 2.0 * self.band_mm
         size = len(known)
         return {
             "samples": len(self.time_s),
@@ -62,7 +72,7 @@ class Replay:
             "deviation_mean_mm": float(known.mean()) if size else np.nan,
             "deviation_rms_mm": float(np.sqrt((known**2).mean())) if size else np.nan,
             "deviation_worst_mm": float(known[np.argmax(np.abs(known))]) if size else np.nan,
-            "inside_band_percent": 100.0 * float(inside.sum()) / size if size else np.nan,
+            "deviation_per_cycle_mm": self.levels_mm.tolist(),
             "residual_rms_kpa": float(np.sqrt(np.nanmean(self.residual_kpa**2))) if size else np.nan,
             "drift_mm_per_cycle": self.drift_mm_per_cycle,
             "drift_interval_mm_per_cycle": self.drift_interval,
@@ -103,7 +113,8 @@ def replay(
         else:
             used.append(rows)
             alarms += monitor.take(figures[-1])
-    slope, low, high = drift(np.array([known_mean(deviation[rows]) for rows in used]))
+    levels = np.array([known_mean(deviation[rows]) for rows in used])
+    slope, low, high = drift(levels)
     return Replay(
         time_s=t,
         pressure_kpa=p,
@@ -112,6 +123,7 @@ def replay(
         residual_kpa=monitoring.pressure_residual_kpa(table, p, mean),
         band_mm=table.nominal_elongation(p)[1],
         cycle_start_s=np.array([t[rows][0] for rows in used]),
+        levels_mm=levels,
         figures=tuple(figures),
         alarms=tuple(alarms),
         drift_mm_per_cycle=slope,
@@ -129,7 +141,7 @@ def drift(levels_mm: FloatArray) -> tuple[float, float, float]:
 
 @style.styled
 def replay_figure(result: Replay) -> Figure:
-    """Draw the deviation with its band over time, and the cycles' gain with its alarms."""
+    """Draw the deviation with its band over time, and the cycles' mean deviation with the alarms."""
     figure = Figure(figsize=(9.0, 5.4), layout="constrained")
     above, below = figure.subplots(2, height_ratios=(3, 2))
     step = max(1, len(result.time_s) // 20_000)
@@ -139,11 +151,12 @@ def replay_figure(result: Replay) -> Figure:
     above.set(xlabel="time, s", ylabel="deviation, mm")
     above.legend(ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0))
     below.xaxis.set_major_locator(MaxNLocator(integer=True))
-    gain = np.array([astuple(f)[2] for f in result.figures])
-    below.plot(np.arange(1, len(gain) + 1), 100.0 * (gain - 1.0), "o-", color=style.SENSOR_COLOURS[0], ms=3, lw=0.8)
+    below.plot(
+        np.arange(1, len(result.levels_mm) + 1), result.levels_mm, "o-", color=style.SENSOR_COLOURS[0], ms=3, lw=0.8
+    )
     look: Any = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "color": style.SENSOR_COLOURS[1]}
     for i, alarm in enumerate(result.alarms):
         below.axvline(alarm.cycle, color=style.SENSOR_COLOURS[1], lw=0.8)
         below.annotate(alarm.fault, (alarm.cycle, 1.0 - 0.14 * (i % 6)), xytext=(3, -9), fontsize=8, **look)
-    below.set(xlabel="cycle", ylabel="elongation against\nnominal, % off")
+    below.set(xlabel="cycle", ylabel="mean deviation, mm")
     return figure

@@ -1,8 +1,12 @@
-"""A run beside the signals that the chain predicts: measured, predicted, their difference, and what disagrees."""
+"""A run beside the signals that the chain predicts: measured, predicted, their difference, and what disagrees.
+
+Rules: a straight line and a parabola in elongation stand beside the chain, and all three predict each cycle from the
+others. What disagrees is decided by the calibration; the chain, the model's light, takes no part.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +20,7 @@ from analysis.json_object import json_object
 from analysis.published import RANGE_MM, SENSORS
 from analysis.signal_prediction.light_table import LightTable
 from analysis.signal_prediction.predicted_signal import Disagreement, PredictedSignal, fit_signal_model, what_disagrees
-from protocol.base.arrays import FloatArray
+from protocol.base.arrays import FloatArray, IntArray
 from protocol.base.errors import DataError
 
 AVERAGE_S = 1.0  # over which a disagreement is looked for
@@ -24,15 +28,32 @@ EXPECTED_U_MM = 0.05  # of the elongation that the hysteresis gives for a pressu
 
 
 @dataclass(frozen=True, slots=True)
+class Baseline:
+    """A polynomial in elongation, fitted to the readings of one sensor."""
+
+    r2: float
+    rms_percent_fso: float
+    held_out_rms_mv: float  # of readings in cycles that the fit leaves out one by one
+
+
+@dataclass(frozen=True, slots=True)
 class SensorPrediction:
-    """One sensor: the chain with gain and offset alone, and with the guide's loss too."""
+    """One sensor: the chain with gain and offset alone, and with the guide's loss too, beside polynomials."""
 
     before: PredictedSignal
     after: PredictedSignal
+    line: Baseline
+    parabola: Baseline
+    held_out_rms_mv: float  # of the chain with loss, as that of a baseline
+
+    @property
+    def beats_parabola(self) -> bool:
+        """Return whether the chain predicts cycles that it was not fitted to better than a parabola."""
+        return self.held_out_rms_mv < self.parabola.held_out_rms_mv
 
     def as_json(self) -> dict[str, Any]:
-        """Return both fits."""
-        return json_object(self, "before", "after")
+        """Return the fits."""
+        return json_object(self, "before", "after", "line", "parabola", "held_out_rms_mv", "beats_parabola")
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,17 +66,52 @@ class RunPrediction:
 
 
 def predict_sensors(
-    points: Sequence[tuple[FloatArray, FloatArray]], light: LightTable | None = None
+    points: Sequence[tuple[FloatArray, FloatArray]], light: LightTable | None = None, *, cycles: int = 0
 ) -> tuple[SensorPrediction, ...]:
     """Return the forward models of sensors from their readings.
 
     `points`: (elongation mm [n], signal mV [n]) for each sensor. `light`: that of the actuator; of the default one
-    where None.
+    where None. `cycles`: how many the readings are of, in their order; without any, every fifth reading is left out.
     """
     return tuple(
-        SensorPrediction(fit_signal_model(x, y, light, fit_loss=False), fit_signal_model(x, y, light))
+        _predict_sensor(x, y, light, np.arange(len(x)) * cycles // len(x) if cycles > 1 else np.arange(len(x)) % 5)
         for x, y in points
-    )  # fmt: skip
+    )
+
+
+def _predict_sensor(x: FloatArray, y: FloatArray, light: LightTable | None, cycle: IntArray) -> SensorPrediction:
+    def polynomial(degree: int) -> Baseline:
+        def fit(x: FloatArray, y: FloatArray) -> Callable[[FloatArray], FloatArray]:
+            return np.polynomial.Polynomial.fit(x, y, degree)
+
+        rms = float(np.sqrt(np.mean((y - fit(x, y)(x)) ** 2)))
+        return Baseline(
+            1.0 - rms**2 / float(np.var(y)), 100.0 * rms / float(np.ptp(y)), _held_out_rms_mv(x, y, cycle, fit)
+        )
+
+    def chain(x: FloatArray, y: FloatArray) -> PredictedSignal:
+        return fit_signal_model(x, y, light)
+
+    before, after = fit_signal_model(x, y, light, fit_loss=False), chain(x, y)
+    known = np.isfinite(x) & np.isfinite(y)
+    x, y, cycle = x[known], y[known], cycle[known]
+    return SensorPrediction(before, after, polynomial(1), polynomial(2), _held_out_rms_mv(x, y, cycle, chain))
+
+
+def _held_out_rms_mv(
+    x: FloatArray, y: FloatArray, cycle: IntArray,
+    fit: Callable[[FloatArray, FloatArray], Callable[[FloatArray], FloatArray]],
+) -> float:  # fmt: skip
+    """Return the rms error of readings in cycles that the fit leaves out one by one; NaN where none can be."""
+    away = np.full(len(x), np.nan)
+    for one in np.unique(cycle):
+        out = cycle == one
+        try:
+            away[out] = y[out] - fit(x[~out], y[~out])(x[out])
+        except DataError:
+            continue  # too few readings are left
+    known = away[np.isfinite(away)]
+    return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
 
 
 def published_prediction(points: int = 60) -> tuple[SensorPrediction, ...]:

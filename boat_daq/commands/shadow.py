@@ -404,7 +404,8 @@ def _chain_lines(found: Mapping[str, Any], signal: ChainSignal) -> Iterator[str]
         yield (
             f"published signal of sensor {number}: {fit.signal_change_percent:+.1f} %; gain "
             f"{fit.gain_mv_per_percent:+.1f} mV per percent of light, R2 {fit.r2:.3f}, "
-            f"rms {fit.rms_percent_fso:.1f} % FSO"
+            f"rms {fit.rms_percent_fso:.1f} % FSO; a straight line in elongation R2 {fit.line_r2:.3f}, a parabola "
+            f"{fit.parabola_r2:.4f}"
         )
     if signal.inverted:
         yield "negative gains: the front end inverts, or in the real guides light rises where it falls here"

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from analysis.elongation_control.dynamic_figures import DynamicFigure
     from analysis.elongation_control.unit_file import TwinFile
     from analysis.signal_prediction.light_table import LightTable
+    from analysis.signal_prediction.prediction import SensorPrediction
 
 _UNITS = {"s": "s", "percent": "%", "hz": "Hz", "deg": "°"}  # by the last part of a figure's key
 
@@ -206,8 +207,8 @@ def predict(
 ) -> None:
     """Predict the signals of a run by the chain from pressure to light, fitted to the calibration in force.
 
-    Prints what the chain explains of the calibration and of the paper's published curves, and what disagrees in the
-    run: mechanics (elongation against pressure), optics (one signal against elongation) or electronics (both alike).
+    Prints what the chain explains of the calibration and of the paper's published curves, beside a line and a parabola,
+    and what disagrees in the run: mechanics (elongation against pressure), optics (one signal) or electronics (all).
 
     Example: boat-daq twin predict SA1.boat --out predicted.csv
     """
@@ -229,20 +230,37 @@ def predict(
         "unit": name, "simulated": recording.simulated, "sensors": [one.as_json() for one in sensors],
         "published": [one.as_json() for one in published], "disagreement_percent": dict(found.words),
     }  # fmt: skip
-    rows = [
-        (f"{kind} {number}", stage, f"{fit.r2:.3f}", f"{fit.rms_percent_fso:.1f}", f"{fit.gain_mv_per_percent:+.1f}",
-         f"{fit.loss_db_per_cm:.2f}")
-        for kind, fits in (("calibration, sensor", sensors), ("published, sensor", published))
-        for number, one in enumerate(fits, 1)
-        for stage, fit in (("gain and offset", one.before), ("and loss", one.after))
-    ]  # fmt: skip
     if as_json:
         emit_json(content)
         return
     if recording.simulated:
         show("SIMULATED")
-    show_table(("curve", "fitted", "R²", "rms, % FSO", "gain, mV/%", "loss, dB/cm"), rows, left=2)
-    show("what disagrees, by time: " + ", ".join(f"{word} {share:.0f} %" for word, share in found.words.items()))
+    groups = (("run", sensors), ("paper", published))
+    rows = [row for kind, fits in groups for n, one in enumerate(fits, 1) for row in _fit_rows(f"{kind} {n}", one)]
+    heads = ("sensor", "fitted", "R²", "% FSO", "held out", "mV/%", "dB/cm")
+    show("the model's light, a line and a parabola in elongation: R², rms in % FSO, rms of cycles left out in mV,")
+    show("gain, loss of the guide" + (" (at its bound)" if any(one.after.at_bound for one in sensors) else "") + ":")
+    show_table(heads, rows, left=2)
+    better = all(one.beats_parabola for one in sensors)
+    show(
+        "the model's light " + ("predicts cycles left out better than a parabola in elongation" if better else
+        "does not beat a parabola in elongation on cycles left out: it says nothing about this unit")
+    )  # fmt: skip
+    words = ", ".join(f"{word} {share:.0f} %" for word, share in found.words.items())
+    show(f"what disagrees with the calibration, by time: {words} (the model's light takes no part)")
+
+
+def _fit_rows(curve: str, one: SensorPrediction) -> list[tuple[str, ...]]:
+    """Return the rows of one sensor: the model's light, and what needs no optics."""
+    light = [("light", one.before, ""),
+             ("light, loss", one.after, f"{one.held_out_rms_mv:.2f}")]  # fmt: skip
+    plain = [("line", one.line), ("parabola", one.parabola)]
+    return [
+        *((curve, name, f"{fit.r2:.4f}", f"{fit.rms_percent_fso:.2f}", held, f"{fit.gain_mv_per_percent:+.1f}",
+           f"{fit.loss_db_per_cm:.2f}{', bound' if fit.at_bound else ''}") for name, fit, held in light),
+        *((curve, name, f"{fit.r2:.4f}", f"{fit.rms_percent_fso:.2f}", f"{fit.held_out_rms_mv:.2f}", "", "")
+          for name, fit in plain),
+    ]  # fmt: skip
 
 
 def _light(twin: TwinFile) -> LightTable:

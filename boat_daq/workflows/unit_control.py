@@ -129,7 +129,8 @@ def predicted_sensors(units: UnitLibrary, name: str, light: LightTable) -> tuple
     """Return the forward models of a unit's signals, fitted to the readings of its calibration in force."""
     from analysis.signal_prediction.prediction import predict_sensors
 
-    return predict_sensors([(one.elongation_mm, one.signal_mv) for one in in_force(units, name).sensors], light)
+    record = in_force(units, name)
+    return predict_sensors([(one.elongation_mm, one.signal_mv) for one in record.sensors], light, cycles=record.cycles)
 
 
 def live_prediction_of(units: UnitLibrary, name: str, fusion: Fusion) -> LivePrediction | None:

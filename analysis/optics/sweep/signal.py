@@ -1,7 +1,8 @@
 """From the traced light to a sensor's signal: the best gain and offset against the published calibrations.
 
 Rules: light is detected power in percent of the emitted one, because a photodiode measures power. The front end is one
-gain and one offset; the sign of the gain is free, because the paper states neither the circuit nor its polarity.
+gain and one offset; the sign of the gain is free, because the paper states neither the circuit nor its polarity. Beside
+every fit stand a straight line and a parabola in elongation: what needs no optics.
 """
 
 from __future__ import annotations
@@ -30,6 +31,9 @@ class SignalFit:
     rms_mv: float
     rms_percent_fso: float
     signal_change_percent: float
+    # line_r2, parabola_r2: what polynomials in elongation explain
+    line_r2: float
+    parabola_r2: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,14 +58,22 @@ class ChainSignal:
         return all(fit.gain_mv_per_percent < 0.0 for fit in self.sensors)
 
 
-def fit_signal(light_percent: FloatArray, signal_mv: FloatArray) -> SignalFit:
-    """Return gain and offset of a signal (n,) over light (n,), by least squares."""
+def polynomial_r2(x: FloatArray, y: FloatArray, degree: int) -> float:
+    """Return the share of the variance of y (n,) that a polynomial in x (n,) explains, by least squares."""
+    fitted = np.polynomial.Polynomial.fit(x, y, degree)
+    return 1.0 - float(np.mean((y - fitted(x)) ** 2)) / float(np.var(y))
+
+
+def fit_signal(light_percent: FloatArray, elongation_mm: FloatArray, signal_mv: FloatArray) -> SignalFit:
+    """Return gain and offset of a signal (n,) over light (n,), by least squares, beside polynomials in elongation."""
     ones = np.ones_like(light_percent)
     (gain, offset), *_ = np.linalg.lstsq(np.stack([light_percent, ones], axis=1), signal_mv, rcond=None)
     residual = signal_mv - gain * light_percent - offset
     rms, change = float(np.sqrt(np.mean(residual**2))), 100.0 * (signal_mv[-1] / signal_mv[0] - 1.0)
     r2 = 1.0 - rms**2 / float(np.var(signal_mv))
-    return SignalFit(float(gain), float(offset), r2, rms, 100.0 * rms / float(np.ptp(signal_mv)), float(change))
+    baselines = [polynomial_r2(elongation_mm, signal_mv, degree) for degree in (1, 2)]
+    fso = float(np.ptp(signal_mv))
+    return SignalFit(float(gain), float(offset), r2, rms, 100.0 * rms / fso, float(change), *baselines)
 
 
 def chain_signal(
@@ -75,5 +87,5 @@ def chain_signal(
     result = run_sweep(request)
     light = 100.0 * result.power[0]
     powers = np.vander(elongation_mm, 4, increasing=True)
-    fits = tuple(fit_signal(light, powers @ np.array(sensor.coefficients)) for sensor in SENSORS)
+    fits = tuple(fit_signal(light, elongation_mm, powers @ np.array(sensor.coefficients)) for sensor in SENSORS)
     return ChainSignal(request.light.rays, elongation_mm, light, 100.0 * result.power_sd[0], fits)

@@ -36,6 +36,20 @@ def test_loss_explains_part_of_the_published_curves_and_leaves_the_rest():
         assert sensor.after.gain_mv_per_percent < 0  # the front end inverts, or the real guides do not dim
 
 
+def test_a_parabola_stands_beside_the_light_and_the_better_one_is_named():
+    light, rng = stored_light(), np.random.default_rng(0)
+    noise = rng.normal(0.0, 0.5, X.size)
+    ours, theirs = predict_sensors([(X, 2000.0 - 30.0 * light.light(X, 0.4) + noise), (X, X - 3.0 * X**2)], cycles=3)
+    assert ours.beats_parabola
+    assert ours.held_out_rms_mv == pytest.approx(0.5, rel=0.5)
+    assert not theirs.beats_parabola
+    assert theirs.parabola.r2 == pytest.approx(1.0)
+    assert theirs.parabola.held_out_rms_mv < 1e-9 < theirs.line.held_out_rms_mv
+    for sensor in published_prediction():
+        assert sensor.after.r2 < sensor.line.r2 < sensor.parabola.r2
+        assert not sensor.beats_parabola
+
+
 def test_outside_the_table_there_is_no_prediction():
     found = fit_signal_model(X, 10.0 * X + 5.0)
     assert np.isnan(found(np.array([-9.0, 9.0]))).all()

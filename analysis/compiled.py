@@ -23,6 +23,7 @@ import time
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
+from types import FunctionType
 from typing import Any, TypeVar, cast
 
 import numba
@@ -33,7 +34,7 @@ from numba.core import cgutils, event
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 PACKAGES = ("optics/scene", "optics/tracer", "shadow/fem")
-COMPILE_S = {"analysis.optics": 15, "analysis.shadow": 20}
+COMPILE_S = {"analysis.optics": 10, "analysis.shadow": 20}
 """CPU time that the first call of a package takes to compile; elsewhere it is not worth a line."""
 UNUSED_S = 30 * 86_400.0
 _HERE = Path(__file__).parent
@@ -122,15 +123,44 @@ def compiled_fusing(function: Function) -> Function:
     return _cached(function, fastmath={"contract"})
 
 
-def inner(function: Function, **options: Any) -> Function:
-    """As `compiled`, and inlined into its callers: for the innermost loops."""
-    jit = numba.njit(nogil=True, error_model="numpy", forceinline=True, **options)
+def inside(function: Function, **options: Any) -> Function:
+    """As `compiled`, for what compiled functions alone call: without an entry from Python, which takes long to compile.
+
+    Its machine code is kept in that of its callers. To call it from Python would end the process.
+    """
+    jit = numba.njit(nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)
     return cast(Function, jit(function))
+
+
+def inside_fusing(function: Function) -> Function:
+    """As `inside` and `compiled_fusing`."""
+    return inside(function, fastmath={"contract"})
+
+
+def inner(function: Function, **options: Any) -> Function:
+    """As `inside`, and inlined into its callers: for the innermost loops."""
+    return inside(function, forceinline=True, **options)
 
 
 def inner_fusing(function: Function) -> Function:
     """As `inner` and `compiled_fusing`."""
     return inner(function, fastmath={"contract"})
+
+
+def interpreted(function: Function, made: dict[Any, Any] | None = None) -> Function:
+    """Return a function, and what it calls, as Python runs it: the same bits, for little work, without compiling.
+
+    Not for functions that fuse or reassociate.
+    """
+    made = {} if made is None else made
+    source = cast(Any, getattr(function, "py_func", function))
+    if source not in made:
+        names = dict(source.__globals__)
+        made[source] = FunctionType(source.__code__, names, source.__name__, source.__defaults__, source.__closure__)
+        for name in source.__code__.co_names:
+            if hasattr(names.get(name), "py_func"):
+                names[name] = interpreted(names[name], made)
+    return cast(Function, made[source])
 
 
 def compile_ahead(function: Callable[..., Any], *arguments: Any) -> None:

@@ -11,13 +11,13 @@ import math
 
 import numpy as np
 
-from analysis.compiled import compiled
+from analysis.compiled import inside
 from protocol.base.arrays import FloatArray, IntArray
 
 LEAF_SURFACES = 3
 
 
-@compiled
+@inside
 def build_bvh(surfaces: FloatArray, order: IntArray, n: int, boxes: FloatArray, nodes: IntArray) -> None:
     """Build a BVH over the surfaces order[:n].
 
@@ -49,7 +49,7 @@ def build_bvh(surfaces: FloatArray, order: IntArray, n: int, boxes: FloatArray, 
     _compute_boxes(surfaces, order, boxes, nodes)
 
 
-@compiled
+@inside
 def _compute_boxes(surfaces: FloatArray, order: IntArray, boxes: FloatArray, nodes: IntArray) -> None:
     """Compute boxes from the leaves upwards; a node's children come after it in number."""
     count = nodes[0, 0]
@@ -69,7 +69,7 @@ def _compute_boxes(surfaces: FloatArray, order: IntArray, boxes: FloatArray, nod
         box[1], box[3] = 0.5 * (box[1] + box[3]), 0.5 * (box[3] - box[1])
 
 
-@compiled
+@inside
 def _enlarge(box: FloatArray, row: FloatArray) -> None:
     """Enlarge box (x0, y0, x1, y1) by one surface: its two ends and the bulge of its arc."""
     ax, ay, bx, by = row[8], row[9], row[12], row[13]

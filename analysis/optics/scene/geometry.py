@@ -13,11 +13,11 @@ kind 0), then the junctions' surfaces from `frame.py`, whose row of 16 numbers t
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from analysis.compiled import compiled
+from analysis.compiled import inside, interpreted
 from analysis.optics.scene import frame as surface
 from analysis.optics.scene.bvh import build_bvh
 from analysis.optics.scene.frame import INTERFACE, NO_CELL, NO_SURFACE, SceneFrame, check_design
@@ -67,14 +67,14 @@ class Geometry(NamedTuple):
     surface_count: int
 
 
-@compiled
+@inside
 def _copy(target: FloatArray, source: FloatArray) -> None:
     """Copy the numbers of a row, as `target[:] = source` does, which takes numba three times as long to compile."""
     for i in range(len(source)):
         target[i] = source[i]
 
 
-@compiled
+@inside
 def _section(nodes: FloatArray, curvature: FloatArray, arc: int, s: float, out: FloatArray) -> None:
     """Write point and tangent of the centreline at arc length `s` of one arc to out[:4]."""
     if s == nodes[arc + 1, 4]:
@@ -93,7 +93,7 @@ def _section(nodes: FloatArray, curvature: FloatArray, arc: int, s: float, out: 
     out[2], out[3] = c * tx - sn * ty, c * ty + sn * tx
 
 
-@compiled
+@inside
 def _write_cell(cell: FloatArray, node: FloatArray, k: float, left: float, right: float) -> None:
     cell[0], cell[1], cell[2], cell[3], cell[4] = node[0], node[1], -node[3], node[2], k
     cell[C_LEVEL_L], cell[C_LEVEL_R] = -left + k * left * left / 2, -right + k * right * right / 2
@@ -101,7 +101,7 @@ def _write_cell(cell: FloatArray, node: FloatArray, k: float, left: float, right
     cell[C_INVERSE_L], cell[C_INVERSE_L + 1] = 1.0 / (1.0 - k * left), 1.0 / (1.0 - k * right)
 
 
-@compiled
+@inside
 def _cut_guide(
     g: Geometry,
     first: int,
@@ -150,7 +150,7 @@ def _cut_guide(
     return c
 
 
-@compiled
+@inside
 def _edge(row: FloatArray, cell: FloatArray, left: bool) -> None:
     u = cell[C_LEFT] if left else cell[C_RIGHT]
     _copy(row, cell[:5])
@@ -162,7 +162,7 @@ def _edge(row: FloatArray, cell: FloatArray, left: bool) -> None:
         row[at], row[at + 1], row[at + 2], row[at + 3] = x - u * ty, y + u * tx, tx, ty
 
 
-@compiled
+@inside
 def _wall(g: Geometry, cell: int, at_end: bool, low: float, high: float) -> None:
     """Write the wall at an end of a cell from offset `low` to `high`, the resin on the cell's side."""
     number, section = (4 * cell + 3, C_END) if at_end else (4 * cell + 2, C_START)
@@ -177,7 +177,7 @@ def _wall(g: Geometry, cell: int, at_end: bool, low: float, high: float) -> None
     g.links[cell, WALL_AFTER if at_end else WALL_BEFORE] = _WALL
 
 
-@compiled
+@inside
 def _step_in(g: Geometry, thick: int, thin: int) -> None:
     """Write the wall between a full cell and its shallower neighbour, and mark the corners at both its ends."""
     cells, at_end = g.cells, thin > thick
@@ -190,7 +190,7 @@ def _step_in(g: Geometry, thick: int, thin: int) -> None:
     g.corners[4 * thin + side] |= surface.CORNER_A if at_end else surface.CORNER_B
 
 
-@compiled
+@inside
 def _step_in_both(g: Geometry, thick: int, thin: int) -> None:
     """Write the walls between a full cell and a neighbour cut from both sides; the right one takes the thin's place."""
     cells, at_end = g.cells, thin > thick
@@ -206,7 +206,7 @@ def _step_in_both(g: Geometry, thick: int, thin: int) -> None:
         g.corners[4 * thin + side] |= surface.CORNER_A if at_end else surface.CORNER_B
 
 
-@compiled
+@inside
 def _fork(g: Geometry, full: int, left: int) -> None:
     """Write the wall between a full cell and a void, and link the full cell to the two cells beside the void.
 
@@ -223,7 +223,7 @@ def _fork(g: Geometry, full: int, left: int) -> None:
     g.corners[4 * left + 4] |= surface.CORNER_A if at_end else surface.CORNER_B
 
 
-@compiled
+@inside
 def _link_voids(g: Geometry, first: int, after: int) -> None:
     """Link the cells of a guide with voids: pairs of cells side by side between full ones."""
     full = g.cells[first, C_RIGHT]
@@ -242,7 +242,7 @@ def _link_voids(g: Geometry, first: int, after: int) -> None:
             c += 2
 
 
-@compiled
+@inside
 def _link(g: Geometry, guide: int, first: int, after: int, joined: bool, side_cut: int) -> None:
     """Write edges, walls and neighbours of the cells of one guide."""
     for c in range(first, after):
@@ -274,7 +274,7 @@ def _link(g: Geometry, guide: int, first: int, after: int, joined: bool, side_cu
         g.kinds[4 * (after - 1) + 3] = surface.RECEIVER
 
 
-@compiled
+@inside
 def _mark(g: Geometry, first: int, after: int, free: IntArray, cavity: int) -> None:
     """Mark edges that are free, and the surfaces of each cavity with its number, counted from `cavity`.
 
@@ -297,7 +297,7 @@ def _mark(g: Geometry, first: int, after: int, free: IntArray, cavity: int) -> N
             g.corners[4 * c + side] |= surface.FREE if free[g.links[c, ARC], side] else 0
 
 
-@compiled
+@inside
 def _mark_faces(g: Geometry, first: int, after: int, free: IntArray, half: float) -> None:
     """Mark the guide's own faces that are free; light leaving into a cavity or void searches all surfaces."""
     for c in range(first, after):
@@ -306,7 +306,7 @@ def _mark_faces(g: Geometry, first: int, after: int, free: IntArray, half: float
             g.corners[4 * c + side] |= surface.FREE if own and free[g.links[c, ARC], side] else 0
 
 
-@compiled
+@inside
 def _mark_cavity(g: Geometry, start: int, end: int, free: IntArray, cavity: int) -> None:
     """Number the bottom and the walls of the cavity in cells `start` to `end`."""
     side = 0 if g.cells[start, C_LEFT] < g.cells[start - 1, C_LEFT] else 1
@@ -319,7 +319,7 @@ def _mark_cavity(g: Geometry, start: int, end: int, free: IntArray, cavity: int)
     row[0], row[1], row[2], row[3] = start, end, side, mouth
 
 
-@compiled
+@inside
 def _write_order(g: Geometry, first: IntArray) -> int:
     """Write the numbers of all surfaces in the order of the outline; return how many there are."""
     n = 0
@@ -337,7 +337,7 @@ def _write_order(g: Geometry, first: IntArray) -> int:
     return n
 
 
-@compiled
+@inside
 def allocate(guides: int, arcs: int, junction: int, most_cavities: int, source_cell: int, face: int) -> Geometry:
     """Return unfilled arrays for guides of so many arcs with up to so many cavities each; `build` fills them.
 
@@ -365,7 +365,7 @@ def allocate(guides: int, arcs: int, junction: int, most_cavities: int, source_c
     )
 
 
-@compiled
+@inside
 def _place_walls(walls: FloatArray, middle: float, pattern: FloatArray) -> None:
     """Write the arc lengths of a guide's cavity walls, around its middle and rising."""
     n = len(walls) // 2
@@ -374,7 +374,7 @@ def _place_walls(walls: FloatArray, middle: float, pattern: FloatArray) -> None:
         walls[2 * i], walls[2 * i + 1] = centre - pattern[1] / 2, centre + pattern[1] / 2
 
 
-@compiled
+@inside
 def build(g: Geometry, frame: SceneFrame, pattern: FloatArray) -> None:
     """Cut the guides of a frame by a pattern of cavities.
 
@@ -412,8 +412,11 @@ def geometry_of(frame: SceneFrame, design: Design) -> Geometry:
     check_design(frame, design, "this state")
     guides, arcs = frame.curvature.shape
     pattern = pattern_of(design)
-    g = allocate(guides, arcs, len(frame.surfaces), design.cavities, frame.source_cell, int(pattern[4]))
-    build(g, frame, pattern)
+    made: dict[Any, Any] = {}  # one scene takes 2 ms interpreted, and seconds to compile
+    g = interpreted(allocate, made)(
+        guides, arcs, len(frame.surfaces), design.cavities, frame.source_cell, int(pattern[4])
+    )
+    interpreted(build, made)(g, frame, pattern)
     return g
 
 

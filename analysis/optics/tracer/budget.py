@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from analysis.compiled import compiled, inner
+from analysis.compiled import inner, inside
 from analysis.optics.scene.parameters import ALL
 from analysis.optics.tracer.rays import Ray
 from analysis.optics.tracer.tally import E_CUT, REFUSED, Tally
@@ -50,7 +50,7 @@ class Queue(NamedTuple):
     slots: int
 
 
-@compiled
+@inside
 def new_queue(budget: int, faintest: float) -> Queue:
     """Return a queue for `budget` secondaries of `faintest` power or more, to be opened before use."""
     slots = 2 * budget + 16 if budget > 0 else 0
@@ -66,7 +66,7 @@ def new_queue(budget: int, faintest: float) -> Queue:
     )
 
 
-@compiled
+@inside
 def open_queue(q: Queue, budget: int, first: int) -> None:
     """Empty the queue for a block that begins with released ray `first`."""
     q.state[_N], q.state[_NEXT] = 0, first * _BIRTHS_A_RAY
@@ -92,7 +92,7 @@ def _swap(q: Queue, i: int, j: int) -> None:
     q.rank[i], q.rank[j] = q.rank[j], q.rank[i]
 
 
-@compiled
+@inside
 def _sink(q: Queue, at: int) -> None:
     """Restore the heap below `at`."""
     n = q.state[_N]
@@ -108,14 +108,14 @@ def _sink(q: Queue, at: int) -> None:
         at = child
 
 
-@compiled
+@inside
 def _rise(q: Queue, at: int) -> None:
     while at > 0 and _before(q, q.rank[at], q.rank[(at - 1) // 2]):
         _swap(q, at, (at - 1) // 2)
         at = (at - 1) // 2
 
 
-@compiled
+@inside
 def _first(q: Queue, k: int) -> None:
     """Bring the k first in rank to the front, in any order (quickselect)."""
     low, high = 0, q.state[_N] - 1
@@ -137,7 +137,7 @@ def _first(q: Queue, k: int) -> None:
             return
 
 
-@compiled
+@inside
 def prune(q: Queue, tally: Tally) -> None:
     """Refuse what is beyond the budget."""
     n, k = q.state[_N], q.state[_LEFT]
@@ -157,14 +157,14 @@ def prune(q: Queue, tally: Tally) -> None:
     q.state[_N] = k
 
 
-@compiled
+@inside
 def _heap(q: Queue) -> None:
     q.state[_HEAP] = 1
     for at in range(q.state[_N] // 2 - 1, -1, -1):
         _sink(q, at)
 
 
-@compiled
+@inside
 def _put(q: Queue, ray: Ray, key: float, birth: int, tally: Tally) -> None:
     if q.state[_N] == q.slots:
         prune(q, tally)
@@ -204,14 +204,14 @@ def offer(q: Queue, ray: Ray, key: float, birth: int, tally: Tally) -> None:
     _put(q, ray, key, birth, tally)
 
 
-@compiled
+@inside
 def _read(q: Queue, slot: int) -> Ray:
     v, w, i, j = q.numbers, q.labels, slot * _NUMBERS, slot * _LABELS
     x, y, dx, dy, power, path, optical = v[i], v[i + 1], v[i + 2], v[i + 3], v[i + 4], v[i + 5], v[i + 6]
     return Ray(x, y, dx, dy, power, path, optical, w[j], w[j + 1], w[j + 2], w[j + 3], w[j + 4])
 
 
-@compiled
+@inside
 def merge(q: Queue, later: Queue, tally: Tally) -> None:
     """Offer a later block's secondaries to the first block's queue."""
     for i in range(later.state[_N]):
@@ -220,7 +220,7 @@ def merge(q: Queue, later: Queue, tally: Tally) -> None:
         offer(q, _read(later, slot), later.numbers[_NUMBERS * slot + _KEY], birth, tally)
 
 
-@compiled
+@inside
 def begin_secondaries(q: Queue, rays: int, tally: Tally) -> None:
     """Turn the collection into a heap once all released rays have been followed."""
     prune(q, tally)
@@ -228,13 +228,13 @@ def begin_secondaries(q: Queue, rays: int, tally: Tally) -> None:
     _heap(q)
 
 
-@compiled
+@inside
 def has_secondary(q: Queue) -> bool:
     """Return whether a secondary is waiting and within the budget."""
     return bool(q.state[_N] > 0 and q.state[_LEFT] > 0)
 
 
-@compiled
+@inside
 def next_secondary(q: Queue) -> Ray:
     """Take the first in rank out of the heap and off the budget."""
     slot, n = q.rank[0], q.state[_N] - 1
@@ -246,7 +246,7 @@ def next_secondary(q: Queue) -> Ray:
     return ray
 
 
-@compiled
+@inside
 def latest_secondary(q: Queue) -> Ray:
     """Take the latest out of a queue whose every secondary is followed."""
     n = q.state[_N] - 1

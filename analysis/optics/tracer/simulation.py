@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.compiled import compile_ahead, compiled, pointers
+from analysis.compiled import compile_ahead, compiled, inside, interpreted, pointers
 from analysis.optics.scene.frame import NO_CELL, SceneFrame
 from analysis.optics.scene.geometry import Geometry, allocate, build, geometry_of
 from analysis.optics.scene.parameters import ALL, PAPER_RAYS, Design, Light, Waveguide
@@ -32,7 +32,12 @@ BLOCK = 4096
 CORRELATION_DEG_PER_MM2 = 0.03
 """Over this angle, times the thickness squared, neighbouring rays end alike: fitted to counts, see METHODS.md."""
 _SURE, _LEAST_ALIKE, _SMALL_STEP, _LARGE_STEP, _HALVINGS = 2.0, 0.001, 1e-3, 1e3, 40
+_QUICK_RAYS = 1_000
+"""A sum along a fan of as many is no work for Python."""
 _SCALARS = ("half_mm", "source_cell")  # of a frame, the same in every state
+
+
+_empty_queue, _empty_tally = interpreted(new_queue), interpreted(new_tally)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,19 +58,34 @@ class TraceResult:
 
 
 @compiled
-def follow_block(g: Geometry, rules: Rules, fan: Fan, first: int, budget: int, q: Queue, tally: Tally) -> None:
-    """Follow one block of released rays; secondaries within a budget are left in the queue, all others follow them."""
-    queues.open_queue(q, budget, first)
+def follow_block(
+    g: Geometry, rules: Rules, fan: Fan, first: int, budget: int, q: Queue, tally: Tally, last: bool
+) -> None:
+    """Follow one block of released rays; secondaries within a budget are left in the queue, all others follow them.
+
+    `last`: also follow the queue's secondaries, in the order of their rank until the budget or the queue is empty, and
+    count mirror images. With `first` beyond the fan that alone is done.
+    """
     tables, queue, counts = pointers(g), pointers(q), pointers(tally)
-    last = min(first + BLOCK, fan.followed)
-    tally.counts[ledger.RELEASED] += last - first
-    for i in range(first, last):
+    after = min(first + BLOCK, fan.followed)
+    if first < after:
+        queues.open_queue(q, budget, first)
+        tally.counts[ledger.RELEASED] += after - first
+    for i in range(first, after):
         follow(tables, rules, released(tables, fan, i), queue, counts, i)
         while budget == ALL and queues.has_secondary(queue):
             _follow_secondary(tables, rules, queues.latest_secondary(queue), queue, counts, fan.rays)
+    if not last:
+        return
+    queues.begin_secondaries(queue, fan.rays, counts)
+    while queues.has_secondary(queue):
+        _follow_secondary(tables, rules, queues.next_secondary(queue), queue, counts, fan.rays)
+    queues.prune(queue, counts)
+    if fan.followed < fan.rays:
+        add_twins(tally, fan.followed)
 
 
-@compiled
+@inside
 def _follow_secondary(g: Geometry, rules: Rules, ray: Ray, q: Queue, tally: Tally, rays: int) -> None:
     """Follow a secondary and count it; all tables are pointers."""
     tally.counts[ledger.RELEASED] += 1
@@ -80,28 +100,18 @@ def join(tally: Tally, q: Queue, later_tally: Tally, later: Queue) -> None:
     queues.merge(pointers(q), pointers(later), pointers(tally))
 
 
-@compiled
-def finish(g: Geometry, rules: Rules, fan: Fan, q: Queue, tally: Tally) -> None:
-    """Follow secondaries in the order of their rank until the budget or the queue is empty; count mirror images."""
-    tables, queue, counts = pointers(g), pointers(q), pointers(tally)
-    queues.begin_secondaries(queue, fan.rays, counts)
-    while queues.has_secondary(queue):
-        _follow_secondary(tables, rules, queues.next_secondary(queue), queue, counts, fan.rays)
-    queues.prune(queue, counts)
-    if fan.followed < fan.rays:
-        add_twins(tally, fan.followed)
-
-
-@compiled
+@inside
 def simulate(g: Geometry, rules: Rules, fan: Fan, budget: int, q: Queue, later: Queue, tally: Tally) -> None:
     """Trace one scene, block after block. `later`: a second queue, used from the second block on."""
-    follow_block(g, rules, fan, 0, budget, q, tally)
+    start, more = min(0, fan.followed), fan.followed > BLOCK  # no literals, for which numba would compile copies
+    follow_block(g, rules, fan, start, budget, q, tally, not more)
     for first in range(BLOCK, fan.followed, BLOCK):
         later_tally = new_tally(tally.by_root, tally.drawn, tally.drawn_by)
         later_tally.counts[COUNTS] = tally.counts[COUNTS]
-        follow_block(g, rules, fan, first, budget, later, later_tally)
+        follow_block(g, rules, fan, first, budget, later, later_tally, not more)
         join(tally, q, later_tally, later)
-    finish(g, rules, fan, q, tally)
+    if more:
+        follow_block(g, rules, fan, fan.followed, budget, q, tally, more)
 
 
 @compiled
@@ -122,11 +132,13 @@ def changes_along_fan(by_root: FloatArray, step: float, shift: float, jittered: 
     for kind in range(2):
         apart, fourth = 0.0, 0.0
         for i in range(1, len(by_root)):
-            square = (by_root[i, kind] - by_root[i - 1, kind]) ** 2
+            away = by_root[i, kind] - by_root[i - 1, kind]
+            square = away * away
             total[kind] += square
             fourth += square * square
             if i > 1:
-                apart += (by_root[i, kind] - by_root[i - 2, kind]) ** 2
+                away = by_root[i, kind] - by_root[i - 2, kind]
+                apart += away * away
         if total[kind] > 0.0:
             supposed = _alike(step, jittered)
             sd = math.sqrt(2.0 * (1.0 - supposed) * fourth) / total[kind]
@@ -143,7 +155,8 @@ def changes_along_fan(by_root: FloatArray, step: float, shift: float, jittered: 
 @compiled
 def _unlike(step: float, jittered: bool) -> float:
     """Return half the mean squared difference of neighbours, of a process of unit variance."""
-    return 1.0 - (math.expm1(-step) / step) ** 2 if jittered else -math.expm1(-step)
+    kept = math.expm1(-step) / step
+    return 1.0 - kept * kept if jittered else -math.expm1(-step)
 
 
 @compiled
@@ -177,17 +190,17 @@ def _shared(step: float, at: float, jittered: bool) -> float:
         return step * (1.0 / 6.0 - at * (1.0 - at)) * (2.0 if jittered else 1.0)
     if jittered:
         together = (1.0 - at) * math.exp(-at * step) + at * math.exp((at - 1.0) * step)
-        return together - 2.0 * (step + math.expm1(-step)) / step**2
+        return together - 2.0 * (step + math.expm1(-step)) / (step * step)
     return (math.exp(-at * step) + math.exp((at - 1.0) * step)) / -math.expm1(-step) - 2.0 / step
 
 
 @compiled
 def fan_step(cone_deg: float, rays: int, thickness_mm: float) -> float:
     """Return the step of a fan over the angle within which neighbouring rays end alike."""
-    return cone_deg / rays / (CORRELATION_DEG_PER_MM2 * thickness_mm**2)
+    return cone_deg / rays / (CORRELATION_DEG_PER_MM2 * thickness_mm * thickness_mm)
 
 
-@compiled
+@inside
 def _frame_at(frames: SceneFrame, s: int) -> SceneFrame:
     """Return one state of stacked frames."""
     return SceneFrame(
@@ -292,12 +305,12 @@ def trace(
     nothing = np.empty((0, 3)), np.empty((0, 2), dtype=np.int64)
 
     def one(first: int) -> tuple[Tally, Queue]:
-        tally, q = new_tally(by_root, *nothing), new_queue(budget, light.faintest)
-        follow_block(g, rules, fan, first, budget, q, tally)
+        tally, q = _empty_tally(by_root, *nothing), _empty_queue(budget, light.faintest)
+        follow_block(g, rules, fan, first, budget, q, tally, followed <= BLOCK)
         return tally, q
 
-    tally, q = new_tally(by_root, *nothing), new_queue(budget, light.faintest)
-    compile_ahead(follow_block, g, rules, fan, 0, budget, q, tally)
+    tally, q = _empty_tally(by_root, *nothing), _empty_queue(budget, light.faintest)
+    compile_ahead(follow_block, g, rules, fan, 0, budget, q, tally, True)
     pool = ThreadPoolExecutor(threads or os.cpu_count() or 1)
     try:
         blocks = pool.map(one, range(0, followed, BLOCK))
@@ -308,14 +321,16 @@ def trace(
                 progress(min(done * BLOCK, followed), followed)
     finally:
         pool.shutdown(cancel_futures=True)
-    finish(g, rules, fan, q, tally)
+    if followed > BLOCK:
+        follow_block(g, rules, fan, followed, budget, q, tally, True)
     counts, energy = tally.counts.tolist(), (tally.energy / light.rays).tolist()
     ends = dict(zip(ledger.LEDGER, counts, strict=False)), dict(zip(ledger.ENERGY, energy, strict=True))
     secondaries = counts[ledger.GRANTED], counts[ledger.REFUSED]
     ndr = counts[DETECTED] * (PAPER_RAYS / light.rays)
     step = _step(light, 2 * frame.half_mm)
     alone = light.rays == 1
-    changes = np.full(2, math.nan) if alone else changes_along_fan(by_root, step, light.shift, light.jittered)
+    along = interpreted(changes_along_fan) if light.rays <= _QUICK_RAYS else changes_along_fan
+    changes = np.full(2, math.nan) if alone else along(by_root, step, light.shift, light.jittered)
     sd = fan_sd(changes, light, 2 * frame.half_mm, np.array(frame.mirrored))
     return TraceResult(
         *ends, counts[ledger.HITS], *secondaries, ndr, float(sd[0]), energy[0], float(sd[1]) / PAPER_RAYS
@@ -333,7 +348,7 @@ def fan_sd(changes: FloatArray, light: Light, thickness_mm: float, mirrored: Boo
     Detections along the fan are a process with covariance exp(-angle / angle0), of which neighbouring rays give the
     variance; `sd_of_sum` has the rest.
     """
-    variance = changes / max(light.rays - 1, 1) / (2 * _unlike(_step(light, thickness_mm), light.jittered))
+    variance = changes / max(light.rays - 1, 1) / (2 * interpreted(_unlike)(_step(light, thickness_mm), light.jittered))
     return np.asarray(np.sqrt(variance) * sd_of_sum(light, thickness_mm, mirrored))
 
 
@@ -348,13 +363,14 @@ def sd_of_sum(light: Light, thickness_mm: float, mirrored: BoolArray) -> FloatAr
     the other half of the fan is a second sample of the same process, shifted.
     """
     x, jittered = _step(light, thickness_mm), light.jittered
-    a_ray = _shared(x, 0.0, jittered) + mirrored * _shared(x, light.shift, jittered)
+    shared = interpreted(_shared)
+    a_ray = shared(x, 0.0, jittered) + mirrored * shared(x, light.shift, jittered)
     return np.asarray(PAPER_RAYS / light.rays * np.sqrt(light.rays * a_ray))
 
 
 def _step(light: Light, thickness_mm: float) -> float:
     """Return the step of a light's fan over the angle within which neighbouring rays end alike."""
-    return float(fan_step(light.cone_deg, light.rays, thickness_mm))
+    return float(interpreted(fan_step)(light.cone_deg, light.rays, thickness_mm))
 
 
 @dataclass(frozen=True, slots=True)
@@ -383,14 +399,15 @@ def ray_paths(
     """
     g, rules, fan = geometry_of(frame, design), rules_of(guide, light), fan_of(light)
     drawn, by = np.empty((most, 3)), np.empty((most, 2), dtype=np.int64)
-    tally = new_tally(np.zeros((light.rays, 2)), drawn, by)
+    tally = _empty_tally(np.zeros((light.rays, 2)), drawn, by)
     few = min(released_rays or light.rays, light.rays)
     budget = light.secondary if light.secondary == ALL else round(light.secondary * few / light.rays)
-    q, later = (new_queue(budget, light.faintest) for _ in range(2))
-    if few == light.rays:
-        simulate(g, rules, fan, budget, q, later, tally)
-    else:
-        _simulate_few(g, rules, fan, few, budget, q, later, tally)
+    q, later = (_empty_queue(budget, light.faintest) for _ in range(2))
+    blocks = [(first, min(first + BLOCK, light.rays)) for first in range(0, light.rays, BLOCK)]
+    if few < light.rays:
+        chosen = ((np.arange(few) + 0.5) * fan.rays / few).astype(int).tolist()
+        blocks = [(i, i + 1) for i in chosen]
+    _simulate_blocks(g, rules, fan, blocks, budget, q, later, tally)
     n = int(tally.counts[COUNTS])
     cuts = np.flatnonzero(np.diff(by[:n, 0])) + 1
     return [
@@ -399,18 +416,16 @@ def ray_paths(
     ]
 
 
-def _simulate_few(
-    g: Geometry, rules: Rules, fan: Fan, few: int, budget: int, q: Queue, later: Queue, tally: Tally
-) -> None:
-    """Trace some rays of a fan, evenly chosen, each as a block of its own.
-
-    `few`, `budget`: how many rays, and secondaries of theirs.
-    """
-    chosen = ((np.arange(few) + 0.5) * fan.rays / few).astype(int).tolist()
-    follow_block(g, rules, fan._replace(followed=chosen[0] + 1), chosen[0], budget, q, tally)
-    for i in chosen[1:]:
-        one = new_tally(tally.by_root, tally.drawn, tally.drawn_by)
+def _simulate_blocks(
+    g: Geometry, rules: Rules, fan: Fan, blocks: list[tuple[int, int]], budget: int, q: Queue, later: Queue,
+    tally: Tally,
+) -> None:  # fmt: skip
+    """Trace the rays of a fan that are in blocks (first ray, ray after the last), of BLOCK rays at most."""
+    (first, after), *others = blocks
+    follow_block(g, rules, fan._replace(followed=after), first, budget, q, tally, False)
+    for first, after in others:
+        one = _empty_tally(tally.by_root, tally.drawn, tally.drawn_by)
         one.counts[COUNTS] = tally.counts[COUNTS]
-        follow_block(g, rules, fan._replace(followed=i + 1), i, budget, later, one)
+        follow_block(g, rules, fan._replace(followed=after), first, budget, later, one, False)
         join(tally, q, one, later)
-    finish(g, rules, fan, q, tally)
+    follow_block(g, rules, fan, fan.followed, budget, q, tally, True)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from analysis.compiled import compiled, inner
+from analysis.compiled import inner, inside
 from protocol.base.arrays import FloatArray, IntArray
 
 RELEASED, DETECTED, ESCAPED, TRAPPED, CUT, CORNER, DROPPED, HITS, GRANTED, REFUSED, COUNTS = range(11)
@@ -30,13 +30,13 @@ class Tally(NamedTuple):
     capacity: int  # most points that are drawn
 
 
-@compiled
+@inside
 def new_tally(by_root: FloatArray, drawn: FloatArray, drawn_by: IntArray) -> Tally:
     """Return an empty tally over a shared account by released ray."""
     return Tally(np.zeros(COUNTS + 1, dtype=np.int64), np.zeros(ENERGIES), by_root, drawn, drawn_by, len(drawn))
 
 
-@compiled
+@inside
 def add_tally(tally: Tally, later: Tally) -> None:
     """Add a later block's tally to the first."""
     for i in range(COUNTS):
@@ -46,7 +46,7 @@ def add_tally(tally: Tally, later: Tally) -> None:
         tally.energy[i] += later.energy[i]
 
 
-@compiled
+@inside
 def add_twins(tally: Tally, followed: int) -> None:
     """Count the mirror images of all that the first `followed` released rays became."""
     for i in range(COUNTS):

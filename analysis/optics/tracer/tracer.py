@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from analysis.compiled import compiled_fusing, inner_fusing
+from analysis.compiled import inner_fusing, inside_fusing
 from analysis.optics.scene.frame import CORNER_A, CORNER_B, RECEIVER
 from analysis.optics.scene.geometry import C_INVERSE_L, CELL_COLUMNS, SURFACE_COLUMNS, Geometry
 from analysis.optics.tracer import tally as ledger
@@ -103,7 +103,7 @@ def _meet(g: Geometry, rules: Rules, at: int, ray: Ray, q: Queue, tally: Tally) 
     return Ray(ray.x, ray.y, tx * unit, ty * unit, power - lost, path, optical, 1 - medium, at, cell, root, bounce)
 
 
-@compiled_fusing
+@inside_fusing
 def follow(g: Geometry, rules: Rules, ray: Ray, q: Queue, tally: Tally, number: int) -> None:
     """Follow one ray to its end."""
     end, hits = ledger.CUT, 0

@@ -58,7 +58,8 @@ MODULES: dict[str, tuple[str, ...]] = {  # the tests that reach most of a module
         f"{_CONTROL}/test_{name}.py" for name in ("sequencer", "sequencer_by_hand", "segment_watch")
     ),
     "protocol/link/connection.py": tuple(
-        f"{_LINK}/test_{name}.py" for name in ("connection_layout", "connection", "connection_vectors")
+        f"{_LINK}/test_{name}.py"
+        for name in ("connection_layout", "connection", "connection_vectors", "pending_commands")
     ),
     "protocol/link/pending_commands.py": (f"{_LINK}/test_pending_commands.py", f"{_LINK}/test_connection.py"),
     "boat_daq/engine/recording/recorder.py": tuple(

@@ -85,7 +85,8 @@ def test_actions_of_a_start_a_pause_and_a_stop_in_order() -> None:
     opening = sequencer.marks[0]
     assert (opening.number, opening.cycle, opening.branch, opening.ramp_kpa_per_s) == (1, 0, "start", 10.0)
     assert sequencer.take() == [
-        ControlEvent(MessageKind.RUN_STARTED, "t: 2 cycles"), StepChanged(opening, new=True), GoTo(50.0, 10.0),
+        ControlEvent(MessageKind.RUN_STARTED, "t: 2 cycles"), StepChanged(opening, new=True),
+        GoTo(50.0, 10.0, streamed=False),
     ]  # fmt: skip
     assert sequencer.take() == []
     at(sequencer, 2.0, 9.0)
@@ -190,6 +191,30 @@ def test_vented_time_counts_from_the_first_low_sample_of_a_block() -> None:
     assert sequencer.state is SessionState.FINISHING
     at(sequencer, 3.51, 1.0)
     assert (sequencer.state, sequencer.marks[-1].ended_us) == (SessionState.IDLE, 3_510_000)
+
+
+def test_vented_time_counts_from_behind_the_last_high_sample_of_a_block() -> None:
+    """A block with two high samples: half a second from behind the second."""
+    sequencer = started()
+    sequencer.stop()
+    at(sequencer, 3.0, 9.0, 1.0, 9.0, 1.0)
+    at(sequencer, 3.52, 1.0)
+    assert sequencer.state is SessionState.FINISHING
+    at(sequencer, 3.53, 1.0)
+    assert (sequencer.state, sequencer.marks[-1].ended_us) == (SessionState.IDLE, 3_530_000)
+
+
+@pytest.mark.parametrize(("level", "passed"), [(27.4, False), (27.5, True), (49.0, True)])
+def test_plateau_is_held_for_a_level_within_half_a_step(level: float, passed: bool) -> None:
+    """Of steps of 45 kPa the plateau at 5 kPa is held for 27.4 kPa, and not for half a step away."""
+    sequencer = started(STAIRS)
+    sequencer.hold_at([("unloading", level)])
+    reach(sequencer, 50.0, 4.0)
+    at(sequencer, 8.5, 50.0)  # beyond the longest hold
+    assert (sequencer.marks[-1].target_kpa, sequencer.marks[-1].branch) == (5.0, "unloading")
+    sequencer.commanded()
+    at(sequencer, 12.0, 5.0)
+    assert (sequencer.marks[-1].target_kpa == -40.0) is passed
 
 
 def test_vent_that_does_not_end_is_reported_after_a_minute() -> None:

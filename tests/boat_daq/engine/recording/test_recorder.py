@@ -19,6 +19,7 @@ from boat_daq.engine.recording.closed_run import append_reading
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.rows import step_row
 from boat_daq.engine.recording.verify import verify_recording
+from boat_daq.engine.snapshot import CameraReading
 from protocol import CommandDone, Start
 from protocol.base.errors import RequestError, StorageError
 from protocol.recording import APPLICATION_ID, SESSION_KEYS, RunEnd, open_recording, read_session
@@ -34,6 +35,17 @@ def test_samples_and_bytes_are_in_the_file_as_they_came(recorder, source, path):
     assert stored_samples(path) == np.concatenate(source.samples).tobytes()
     assert b"".join(row[0] for row in rows(path, "SELECT raw FROM chunk ORDER BY id")) == b"".join(source.raw)
     assert verify_recording(path).identical
+
+
+def test_reading_of_a_camera_is_kept_with_its_segment(recorder, source, path):
+    """In the second segment, where the newest sample is; not with that sample's time."""
+    recorder(source.next())
+    recorder.new_segment("paused", paused=True)
+    recorder(source.next())
+    recorder.camera(CameraReading(time.monotonic_ns(), 0.5, 0.004))
+    recorder.close(RunEnd.FINISHED)
+    (last,) = rows(path, "SELECT max(id) FROM segment")
+    assert rows(path, "SELECT segment, elongation_mm FROM camera") == [(last[0], 0.5)]
 
 
 def test_what_a_crash_would_cost_is_measured(recorder, source):

@@ -19,6 +19,7 @@ WITHOUT_LIMIT = {Path("boat_daq/commands")}  # one file for each group of comman
 NO_MIRROR = {
     "benchmarks",
     "docs",
+    "field",
     "faults",
     "firmware",
     "mutation",

@@ -182,7 +182,8 @@ def first_difference(path: str | Path) -> str:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "original.csv"
         file.write_bytes(original)
-        options: dict[str, Any] = {"rate_hz": meta.get("import_rate_hz"), "separator": meta.get("import_separator")}
+        kept_options = ("rate_hz", "separator", "skip")
+        options: dict[str, Any] = {name: meta.get(f"import_{name}") for name in kept_options}
         again = packed_samples(import_csv(file, columns=meta["import_map"], **options))
         again = schema.fitted(again, kept.dtype)  # an older recording has no channels
     if again.dtype != kept.dtype or again.size != kept.size:

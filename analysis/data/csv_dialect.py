@@ -13,10 +13,12 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO
 
+from analysis.data.clocks import is_stamp
+from analysis.data.column_names import known_unit, recognised, split_unit
 from analysis.data.text_encoding import encoding_of
 from protocol.base.errors import FileError
 
@@ -31,7 +33,8 @@ DIALECTS = (
     (";", ","), ("\t", ","), ("|", ","), (" ", ","), (",", ","),
 )  # fmt: skip
 MISSING = {"", "nan", "na", "n/a", "null", "-", "#n/a"}
-_IN_NAME = re.compile(r"^(?P<name>.*?)\s*[\[(]\s*(?P<unit>[^\])]*?)\s*[\])]\s*$", re.DOTALL)
+COMMENTS = ("#", "%")
+_LVM_HEAD_ENDS = "***End_of_Header***"
 # a group sign is believed only beside a decimal part or a second group: 1,650 alone may be a decimal comma
 _GROUPED = {
     ".": re.compile(r"^[+-]?[0-9]{1,3}(?:(?:,[0-9]{3})+\.[0-9]*|(?:,[0-9]{3}){2,})$"),
@@ -39,6 +42,7 @@ _GROUPED = {
 }
 _MINUS = str.maketrans({"\u2212": "-", "\u2013": "-"})
 _LINE_END = re.compile(r"\r\n|\r|\n")
+_NUL_INSIDE = re.compile(r"\x00(?=[^\x00\r\n])")
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +57,11 @@ class Dialect:
     units: tuple[str, ...]
     comments: tuple[str, ...]
     columns: int
+    nuls: bool = False  # NUL bytes at the ends of lines, or of the file, are left out
 
 
-def sniff(path: Path, separator: str | None = None) -> Dialect:
-    """Find encoding, decimal sign, header, and the separator if it is not given.
+def sniff(path: Path, separator: str | None = None, skip: int = 0) -> Dialect:
+    """Find encoding, decimal sign, header below the lines to `skip`, and the separator if it is not given.
 
     Raises FileError if the file is empty, binary, holds an endless line, or no row of numbers; OSError if unreadable.
     """
@@ -70,9 +75,12 @@ def sniff(path: Path, separator: str | None = None) -> Dialect:
     text = head.decode(encoding, errors="replace")
     if not text.strip("\ufeff \r\n\t"):
         raise FileError(f"{path.name} is empty", "Export it again.")
-    if "\x00" in text:
-        raise FileError(f"{path.name} is a binary file, not text", "Export it as CSV.")
-    lines = list(records(enumerate(_LINE_END.split(text)[:HEAD_LINES])))
+    nuls = "\x00" in text
+    if nuls and _NUL_INSIDE.search(text):
+        raise FileError(f"{path.name} is a binary file of an unknown kind, not text", "Export it as CSV.")
+    split = _LINE_END.split(text.replace("\x00", ""))
+    skip = max(skip, 1 + max((at for at, line in enumerate(split) if line.startswith(_LVM_HEAD_ENDS)), default=-1))
+    lines = list(records(enumerate(split[skip : skip + HEAD_LINES], skip)))
     dialects = [dialect for dialect in DIALECTS if separator in (None, dialect[0])]
     scores = [_score([line for _, line in lines], *dialect) for dialect in dialects]
     (score, width), (found, decimal) = max(scores), dialects[scores.index(max(scores))]
@@ -83,7 +91,7 @@ def sniff(path: Path, separator: str | None = None) -> Dialect:
         )
     if width > MAX_COLUMNS:
         raise FileError(f"{path.name} has {width} columns, more than {MAX_COLUMNS}", "Check that it is the right file.")
-    return _dialect(lines, encoding, found, decimal, width)
+    return replace(_dialect(lines, encoding, found, decimal, width), nuls=nuls)
 
 
 def number(cell: str, decimal: str) -> float | None:
@@ -105,13 +113,6 @@ def number(cell: str, decimal: str) -> float | None:
         return None
 
 
-def split_name(cell: str) -> tuple[str, str]:
-    """Split "pressure [kPa]" or "Tijd (s)" into name and unit."""
-    cell = " ".join(cell.strip().strip('"').split())
-    match = _IN_NAME.match(cell)
-    return (match["name"].strip(), match["unit"]) if match and match["name"].strip() else (cell, "")
-
-
 def records(lines: Iterable[tuple[int, str]]) -> Iterator[tuple[int, str]]:
     """Join lines that one quoted cell spans; each record keeps the number of its first line."""
     held: list[tuple[int, str]] = []
@@ -131,7 +132,7 @@ def _refuse_endless_lines(name: str, file: BinaryIO) -> None:
     longest = f"{name} has a line longer than {MAX_LINE_BYTES >> 20} MB"
     rest = b""
     while chunk := file.read(MAX_LINE_BYTES):
-        lines = (rest + chunk).replace(b"\r", b"\n").split(b"\n")
+        lines = (rest + chunk.replace(b"\0", b"")).replace(b"\r", b"\n").split(b"\n")
         if max(map(len, lines)) > MAX_LINE_BYTES:
             raise FileError(longest, "It is not a table of numbers.")
         rest = lines[-1]
@@ -149,7 +150,7 @@ def cells_of(line: str, separator: str) -> list[str]:
 
 def is_comment(line: str) -> bool:
     """Return whether a line is blank or a comment."""
-    return not line.strip() or line.lstrip('\ufeff" \t').startswith("#")
+    return not line.strip() or line.lstrip('\ufeff" \t').startswith(COMMENTS)
 
 
 def _score(lines: list[str], separator: str, decimal: str) -> tuple[float, int]:
@@ -160,15 +161,20 @@ def _score(lines: list[str], separator: str, decimal: str) -> tuple[float, int]:
         return 0.0, 0
     widths = Counter(map(len, data))
     width = max(widths, key=lambda w: (widths[w], w))
-    shares = (sum(number(cell, decimal) is not None for cell in cells) / width for cells in data if len(cells) == width)
+    shares = (sum(_is_value(cell, decimal) for cell in cells) / width for cells in data if len(cells) == width)
     return round(sum(shares) / len(rows), 3), width
 
 
+def _is_value(cell: str, decimal: str) -> bool:
+    return number(cell, decimal) is not None or is_stamp(cell)
+
+
 def _is_data(cells: list[str], decimal: str) -> bool:
-    """True where most cells are numbers: a text column (a branch, a note) is allowed beside them."""
+    """True where most cells are numbers or stamps: a text column (a branch, a note) is allowed beside them."""
     values = [number(cell, decimal) for cell in cells]
-    numeric = sum(v is not None and not math.isnan(v) for v in values)
-    words = sum(v is None for v in values)
+    stamps = sum(v is None and is_stamp(cell) for v, cell in zip(values, cells, strict=True))
+    numeric = stamps + sum(v is not None and not math.isnan(v) for v in values)
+    words = sum(v is None for v in values) - stamps
     return len(cells) >= 2 and numeric >= 1 and numeric >= words
 
 
@@ -181,7 +187,7 @@ def _dialect(lines: list[tuple[int, str]], encoding: str, separator: str, decima
             if line.strip():
                 bare = line.lstrip("\ufeff")
                 whole = (cells_of(bare, ",") or [""])[0] if line.startswith('"') else bare
-                comments.append(whole.strip().lstrip("#").strip())
+                comments.append(whole.strip().lstrip("".join(COMMENTS)).strip())
             continue
         cells = cells_of(line.lstrip("\ufeff"), separator)
         if len(cells) == width and _is_data(cells, decimal):
@@ -190,8 +196,17 @@ def _dialect(lines: list[tuple[int, str]], encoding: str, separator: str, decima
         above.append(cells)
     titles = [_fitted(cells, width, bare_end) for cells in above if abs(len(cells) - width) <= 1]
     titles = [cells for cells in titles if any(cell.strip() for cell in cells)]
+    commented = [cells for text in comments if len(cells := _cells_of_comment(text, separator, width)) == width]
+    if not titles or not any(map(_recognised, titles)):
+        titles = [cells for cells in commented if any(number(cell, decimal) is None for cell in cells)] or titles
     header, units = _header(titles)
     return Dialect(encoding, separator, decimal, data_line, header, units, tuple(comments), width)
+
+
+def _cells_of_comment(text: str, separator: str, width: int) -> list[str]:
+    """Return the cells of a header behind # or %; of words between blanks where the separator does not occur."""
+    cells = cells_of(text, separator)
+    return cells if len(cells) == width else text.split()
 
 
 def _fitted(titles: list[str], width: int, bare_end: bool) -> list[str]:
@@ -201,10 +216,26 @@ def _fitted(titles: list[str], width: int, bare_end: bool) -> list[str]:
     return titles[:width]
 
 
+def _recognised(titles: list[str]) -> int:
+    return sum(recognised(*split_unit(cell)) is not None for cell in titles)
+
+
 def _header(titles: list[list[str]]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    if not titles:
+    """Return titles and units: of the row with the most known titles, and of a row of units above or below it."""
+    bare = [[cell.strip(' []()"') for cell in cells] for cells in titles]
+    are_units = [all(known_unit(cell) for cell in cells if cell) for cells in bare]
+    rows = [at for at in range(len(titles)) if not are_units[at]] or list(range(len(titles)))
+    if not rows:
         return (), ()
-    last = titles[-1]
-    if len(titles) > 1 and all(len(cell.strip(' []()"')) <= 6 for cell in last):
-        return tuple(split_name(c)[0] for c in titles[-2]), tuple(c.strip(' []()"') for c in last)
-    return tuple(split_name(c)[0] for c in last), tuple(split_name(c)[1] for c in last)
+    best = max(rows, key=lambda at: (_recognised(titles[at]), at))
+    if best and not _recognised(titles[best]) and all(len(cell) <= 6 for cell in bare[best]):
+        best -= 1  # titles and units that are not known
+        return tuple(split_unit(c)[0] for c in titles[best]), tuple(bare[best + 1])
+    split = [split_unit(cell) for cell in titles[best]]
+    units = [unit for _, unit in split]
+    found = [at for at in range(len(titles)) if at != best and are_units[at]]
+    if not found and best + 1 < len(titles) and all(len(cell) <= 6 for cell in bare[best + 1]):
+        found = [best + 1]
+    for at in found[:1]:
+        units = [unit or below for unit, below in zip(units, bare[at], strict=True)]
+    return tuple(name for name, _ in split), tuple(units)

@@ -1,150 +1,36 @@
-"""A CSV as it is found into a `Recording`: the map from its columns to ours, with units, and the recording by that map.
+"""A table as it is found into a `Recording`, by the map of `analysis.data.column_map`.
 
-`analysis.data.csv_table` reads the numbers; columns are mapped by the usual titles, or as the user maps them, which can
-be kept as a profile. The columns of our own export are recognised by their names. A guess is named in `warnings`; what
-is not recognised is refused, with the line or the column, and the option that maps it. Units are converted once, here.
-Time must not fall; rows that repeat a time are left out and counted.
+Units are converted once, here. Time is one rising clock: one that begins again at a usual value is unwrapped, segments
+follow one another, coarse stamps are spread, columns of a lower rate or of another clock are interpolated, and each is
+said; a clock that falls otherwise is refused. Rows that repeat a time are left out and counted.
 """
 
 from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Set
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import replace
+from datetime import date
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from analysis.data import clocks
+from analysis.data.column_map import Column, ColumnMap, map_columns, too_many_sensors, unmapped
+from analysis.data.column_names import PLAIN, is_signal
 from analysis.data.csv_table import Table, line_of_row, read_table
 from analysis.data.recording import META_KEYS, Recording
-from analysis.warning import Warning, WarningCode
-from protocol.base.arrays import FloatArray, IntArray
+from protocol.base.arrays import BoolArray, FloatArray, IntArray
 from protocol.base.errors import DataError, FileError, RequestError
 from protocol.base.regular_file import read_regular
-from protocol.base.units import KPA_PER_UNIT, find_unit
 from protocol.base.whole_file import write_whole
-from protocol.recording import CHANNELS_MAX, RESERVED, ExtraChannel, SampleFlag, channels_of
+from protocol.recording import SampleFlag
 
-_UNITS: dict[str, dict[str, float]] = {
-    "time_s": {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "min": 60.0, "h": 3600.0},
-    "pressure_kpa": KPA_PER_UNIT,
-    "target_kpa": KPA_PER_UNIT,
-    "signal": {"mv": 1.0, "v": 1e3, "uv": 1e-3, "µv": 1e-3, "μv": 1e-3},
-    "elongation_mm": {"mm": 1.0, "m": 1e3, "cm": 10.0, "um": 1e-3, "µm": 1e-3},
-}  # fmt: skip
-ALL_UNITS = frozenset().union(*_UNITS.values())
-WORDS = {
-    "time_s": ("time", "t", "tijd", "zeit", "temps", "tempo", "timestamp", "elapsed", "seconds", "millis", "micros"),
-    "pressure_kpa": ("pressure", "p", "druk", "druck", "pression", "pressione", "press", "gauge"),
-    "target_kpa": ("target", "setpoint", "set point", "target pressure", "pressure target"),
-}
-SENSOR = re.compile(r"^(?:s|sensor|signal|ch|channel|sig|y)[\s_]*([1-9])(?:[\s_]*(?:mv|v|uv|signal|voltage))?$")
-SIGNAL_WORDS = ("signal", "voltage", "sensor", "mv", "v", "output", "light")
-_COUNTS = re.compile(r"^s([1-9])_(lit|dark)$")
-_PLAIN = ("index", "state", "flags", "segment")
 MAX_PROFILE_BYTES = 1_000_000
-MOST_LISTED = 20
-USUAL_UNITS = {"time_s": "ms", "pressure_kpa": "bar", "s1_mv": "V"}
-
-
-@dataclass(frozen=True, slots=True)
-class Column:
-    """One column of the map: its position in the file, its unit, the factor to ours."""
-
-    position: int
-    unit: str
-    factor: float
-
-
-@dataclass(frozen=True, slots=True)
-class ColumnMap:
-    """Which column is time_s, pressure_kpa, s1_mv, ...; `warnings` name every guess, `declined` what is not mapped."""
-
-    columns: Mapping[str, Column]
-    warnings: tuple[Warning, ...]
-    declined: tuple[str, ...] = ()
-    channels: Mapping[int, ExtraChannel] = field(default_factory=dict)  # by position: columns of other quantities
-
-    def as_profile(self, table: Table) -> dict[str, str]:
-        """Return the map as NAME -> COLUMN:UNIT, the form that a profile keeps and `--map` takes."""
-        profile = dict.fromkeys(self.declined, "")
-        for name, column in self.columns.items():
-            title = table.names[column.position]
-            unique = table.names.count(title) == 1 and ":" not in title
-            profile[name] = f"{title if unique else column.position + 1}" + (f":{column.unit}" if column.unit else "")
-        return profile
-
-
-def map_columns(table: Table, columns: Mapping[str, str] | None = None, *, tolerant: bool = False) -> ColumnMap:
-    """Map the columns as `columns` gives them ("" for none), else by title; `tolerant` of unknown units."""
-    chosen: dict[str, Column] = {}
-    warnings: list[Warning] = []
-    given = {_our_name(name): text for name, text in (columns or {}).items()}
-    for name, text in given.items():
-        if text:
-            chosen[name] = _mapped(table, name, text)
-    taken = {column.position for column in chosen.values()}
-    stated = _stated_channels(table)
-    mapped_signals = any(map(is_signal, chosen))
-    for position, (title, unit) in enumerate(zip(table.names, table.units, strict=True)):
-        seen = recognised(title)
-        if (
-            seen is None
-            or position in taken
-            or position in stated
-            or seen in (*chosen, *given)
-            or position in table.text
-        ):
-            continue
-        if mapped_signals and is_signal(seen):
-            continue  # signals were mapped explicitly: no others are added
-        try:
-            chosen[seen] = _with_unit(table, seen, position, unit or _unit_of_name(title), warnings)
-        except RequestError as error:
-            if not tolerant:
-                raise
-            warnings.append(Warning(WarningCode.UNIT_UNKNOWN, "", error.cause))
-            continue
-        taken.add(position)
-    found = time_without_header(table) if given and "time_s" not in {*chosen, *given} else None
-    if found is not None and found not in taken:
-        text = f"no header: column {found + 1} never falls, taken as time"
-        warnings.append(Warning(WarningCode.TIME_GUESSED, "", text))
-        chosen["time_s"] = _with_unit(table, "time_s", found, table.units[found], warnings)
-    declined = tuple(name for name, text in given.items() if not text)
-    by_position = dict(sorted(chosen.items(), key=lambda item: item[1].position))
-    taken = {column.position for column in chosen.values()}
-    return ColumnMap(by_position, tuple(warnings), declined, _channels(table, taken, stated))
-
-
-def _stated_channels(table: Table) -> dict[int, tuple[str, str]]:
-    """Return name and unit of the columns that comments of our own export call extra channels."""
-    stated = {}
-    for comment in table.dialect.comments:
-        key, _, text = comment.partition(":")
-        column = key.removeprefix("channel ").strip()
-        if key.startswith("channel ") and column in table.names:
-            name, bracket, unit = text.strip().partition(" [")
-            stated[table.names.index(column)] = name, unit.removesuffix("]") if bracket else ""
-    return stated
-
-
-def _channels(table: Table, taken: Set[int], stated: Mapping[int, tuple[str, str]]) -> dict[int, ExtraChannel]:
-    """Return the columns that are extra channels: stated as such, or of another quantity with a known unit."""
-    found = {}
-    for position, (title, unit) in enumerate(zip(table.names, table.units, strict=True)):
-        tail = re.split(r"[\s_,;]+", title.strip())[-1]
-        name, symbol = (title, unit) if unit or tail == title else (title.strip()[: -len(tail)].strip(" _,;"), tail)
-        known = find_unit(symbol)
-        if position in taken or position in table.text or not np.isfinite(table.columns[position]).any():
-            continue
-        if position in stated:
-            found[position] = stated[position]
-        elif known is not None and table.dialect.header and not RESERVED.fullmatch(ExtraChannel(name, symbol).column):
-            found[position] = name, symbol if unit else known.symbol
-    return dict(zip(found, channels_of(found.values()), strict=True)) if len(found) <= CHANNELS_MAX else {}
+MAX_COUNT = 65535
+WHOLE_MAX = 2.0**53  # beyond it a float has no whole numbers of its own
 
 
 def save_profile(path: str | Path, mapping: ColumnMap, table: Table) -> None:
@@ -165,161 +51,6 @@ def load_profile(path: str | Path) -> dict[str, str]:
     return dict(columns)
 
 
-def is_signal(name: str) -> bool:
-    """Return whether a column of our name holds a sensor's signal or counts."""
-    return name.endswith("_mv") or _COUNTS.match(name) is not None
-
-
-def _our_name(name: str) -> str:
-    name = name.strip().lower()
-    sensor = SENSOR.match(name)
-    if sensor:
-        return f"s{sensor[1]}_mv"
-    short = {"time": "time_s", "pressure": "pressure_kpa", "target": "target_kpa", "signal": "s1_mv"}.get(name, name)
-    if short in _UNITS or short in _PLAIN or _COUNTS.match(short) or short == "s1_mv":
-        return short
-    raise RequestError(
-        f"{name!r} is not a name that a column can be mapped to",
-        "Map time_s, pressure_kpa, target_kpa, s1_mv, s2_mv, s1_lit, s1_dark, ...",
-    )
-
-
-def _kind(name: str) -> str:
-    return "signal" if name.endswith("_mv") else name
-
-
-def units_of(name: str) -> tuple[str, ...]:
-    """Return the units that a column mapped to `name` may have, one spelling of each."""
-    return tuple({factor: unit for unit, factor in reversed(_UNITS[_kind(name)].items())}.values())[::-1]
-
-
-def _mapped(table: Table, name: str, text: str) -> Column:
-    column, _, unit = text.rpartition(":") if ":" in text else (text, "", "")
-    try:
-        position = table.position(column)
-    except RequestError:
-        if not column or column == text:
-            raise
-        position, unit = table.position(text), ""  # a colon that belongs to the column's name
-    unit = unit or table.units[position] or _unit_of_name(table.names[position])
-    known = _UNITS.get(_kind(name), {})
-    if not unit or not known:
-        return Column(position, "", 1.0)
-    if unit.lower() not in known:
-        if ":" in text:
-            raise RequestError(f"unit {unit!r} is not known for {name}", f"Known: {', '.join(known)}.")
-        return Column(position, "", 1.0)  # mapped explicitly without a unit: taken as it is
-    return Column(position, unit, known[unit.lower()])
-
-
-def recognised(title: str) -> str | None:
-    """Return our name of a column by its title; None where it is not recognised."""
-    plain = " ".join(re.sub(r"[_,;]", " ", title.lower()).split())
-    exact = plain.replace(" ", "_")
-    if exact in _PLAIN or (exact in _UNITS and exact != "signal") or _COUNTS.match(exact):
-        return exact
-    words = plain.split()
-    if len(words) > 1 and words[-1] in ALL_UNITS:
-        words = words[:-2] if words[-2] == "in" and len(words) > 2 else words[:-1]  # "Druck in kPa"
-    sensor = SENSOR.match(plain) or SENSOR.match(" ".join(words))
-    if sensor:
-        return f"s{sensor[1]}_mv"
-    plain = " ".join(words)
-    for name in ("target_kpa", "time_s", "pressure_kpa"):
-        if plain in WORDS[name] or (words and words[0] in WORDS[name] and len(words[0]) > 1):
-            return name
-    return "s1_mv" if plain in SIGNAL_WORDS else None
-
-
-def _unit_of_name(title: str) -> str:
-    tail = re.split(r"[\s_,;]+", title.strip())[-1]
-    return tail if tail.lower() in ALL_UNITS and tail.lower() != title.strip().lower() else ""
-
-
-def _with_unit(table: Table, name: str, position: int, unit: str, warnings: list[Warning]) -> Column:
-    known = _UNITS.get(_kind(name))
-    if known is None:
-        return Column(position, "", 1.0)
-    if unit.lower() in known:
-        return Column(position, unit, known[unit.lower()])
-    if unit:
-        raise RequestError(
-            f"unit {unit!r} of column {table.names[position]!r} is not known for {name}",
-            f"Map it: --map {name}={position + 1}:UNIT with one of {', '.join(known)}.",
-        )
-    guessed = guess_unit(name, table.columns[position])
-    text = f"column {table.names[position]!r} has no unit: taken as {guessed}"
-    warnings.append(Warning(WarningCode.UNIT_GUESSED, "", text))
-    return Column(position, guessed, known[guessed.lower()])
-
-
-def time_without_header(table: Table) -> int | None:
-    """Return the first column of a file without header that never falls and is no mere count of the rows."""
-    if table.dialect.header:
-        return None
-    for position, values in enumerate(table.columns):
-        if position in table.text or values.size < 3 or not np.isfinite(values).all():
-            continue
-        steps = np.diff(values)
-        if (steps >= 0).all() and steps.any() and not (steps == 1).all():
-            return position
-    return None
-
-
-def guess_unit(name: str, values: FloatArray) -> str:
-    """Return the unit that the magnitude of the numbers suggests."""
-    finite = values[np.isfinite(values)]
-    if name == "time_s":
-        step = float(np.median(np.abs(np.diff(finite)))) if finite.size > 1 else 0.0
-        return "s" if step < 2 else ("ms" if step < 1500 else "us")
-    if name.endswith("_mv"):
-        return "V" if finite.size and np.abs(finite).max() <= 10 else "mV"
-    largest = float(np.abs(finite).max()) if finite.size else 0.0
-    return "kPa" if largest < 1000 else "Pa"
-
-
-def unmapped(name: str, missing: list[str], mapping: ColumnMap, table: Table) -> RequestError:
-    """Return the refusal of a table in which no column was mapped to the names `missing`."""
-    options = f"Map it by the numbers of the columns: {_map_options(missing, mapping, table)}"
-    remedy = "Add --map time_s=COLUMN:ms, or import it with --rate HZ" if missing == ["time_s"] else options
-    found = [_text_in(table, i) for i in table.text if recognised(table.names[i]) in missing]
-    cause = "; ".join([f"{name}: no column was recognised as {', '.join(missing)}", *found])
-    return RequestError(cause, f"{remedy}. Columns: {_listed(table)}.")
-
-
-def _listed(table: Table) -> str:
-    """Return the columns as a message names them: by their titles, or by their content."""
-    if table.dialect.header:
-        return ", ".join(f"{i + 1} {name}" for i, name in enumerate(table.names[:MOST_LISTED]))
-    shown = []
-    for i, column in enumerate(table.columns[:MOST_LISTED]):
-        known = column[np.isfinite(column)]
-        shown.append(f"{i + 1} ({known.min():g} to {known.max():g})" if known.size else f"{i + 1} (text)")
-    return ", ".join(shown)
-
-
-def _map_options(missing: list[str], mapping: ColumnMap, table: Table) -> str:
-    """Return the options that map what is missing, beside those that were recognised."""
-    known = [
-        f"--map {name}={column.position + 1}:{column.unit}" for name, column in mapping.columns.items() if column.unit
-    ]
-    wanted = {name: f"COLUMN:{USUAL_UNITS[name]}" for name in missing}
-    time = time_without_header(table)
-    if time is not None and "time_s" in wanted:
-        wanted["time_s"] = f"{time + 1}:{guess_unit('time_s', table.columns[time])}"
-    return " ".join([*known, *(f"--map {name}={column}" for name, column in wanted.items())])
-
-
-def _text_in(table: Table, position: int) -> str:
-    """Return that a column holds text, with the first of it."""
-    first = next((cell for cell in table.text[position] if cell), "")
-    return f"column {table.names[position]!r} holds text like {first[:30]!r}, not numbers"
-
-
-MAX_COUNT = 65535
-WHOLE_MAX = 2.0**53  # beyond it a float has no whole numbers of its own
-
-
 def import_csv(
     path: str | Path,
     *,
@@ -327,35 +58,45 @@ def import_csv(
     profile: str | Path | None = None,
     rate_hz: float | None = None,
     separator: str | None = None,
+    skip: int | None = None,
     signals_only: bool = False,
 ) -> Recording:
-    """Import a CSV as a recording.
+    """Import a table as a recording.
 
     Parameters
     ----------
-    columns : NAME -> "COLUMN" or "COLUMN:UNIT"; COLUMN is a name or a number from 1; "" for no column.
+    columns : NAME -> "COLUMN[*SCALE][+OFFSET][:UNIT]"; COLUMN is a name or a number from 1; "" for no column.
     profile : a saved map (`save_profile`); `columns` overrides it.
     separator : column separator, " " for white space; found when None.
+    skip : lines above the table.
     signals_only : allow a file without pressure, which is NaN then.
 
     Raises
     ------
     FileError : not a table of numbers.
     RequestError : a column or unit of the map does not exist; no pressure, signal or time was recognised.
-    DataError : time falls; the message names the line.
+    DataError : time falls, or is none; the message names the line.
     """
     path = Path(path)
-    table = read_table(path, separator)
+    table = read_table(path, separator, skip=skip or 0, whole_lines=True)
     wanted = {**(load_profile(profile) if profile else {}), **(columns or {})}
-    return _recording(path, table, map_columns(table, wanted), rate_hz, separator, signals_only)
+    recording = _recording(path, table, map_columns(table, wanted), rate_hz, signals_only)
+    options = {"import_separator": separator, "import_skip": skip}
+    stated = {key: value for key, value in options.items() if value}
+    return replace(recording, meta={**recording.meta, **stated}) if stated else recording
 
 
 def preview(
-    path: str | Path, columns: Mapping[str, str] | None = None, rows: int = 5, *, separator: str | None = None
+    path: str | Path,
+    columns: Mapping[str, str] | None = None,
+    rows: int = 5,
+    *,
+    separator: str | None = None,
+    skip: int = 0,
 ) -> dict[str, Any]:
     """Return what the importer sees: dialect, columns, map, first rows, warnings; an incomplete map is no error."""
-    table = read_table(path, separator)
-    mapping = map_columns(table, columns, tolerant=True)
+    table = read_table(path, separator, skip=skip, whole_lines=True)
+    mapping, left_out = too_many_sensors(table, map_columns(table, columns, tolerant=True))
     by_position = {column.position: (name, column.unit) for name, column in mapping.columns.items()}
     by_position |= {position: ("channel", channel.unit) for position, channel in mapping.channels.items()}
     return {
@@ -373,8 +114,8 @@ def preview(
             for i in range(len(table.names))
         ],
         "map": mapping.as_profile(table),
-        "missing": _missing(mapping),
-        "notes": [warning.text for warning in mapping.warnings],
+        "missing": mapping.missing,
+        "notes": [*(warning.text for warning in mapping.warnings), *filter(None, [left_out])],
         "issues": [warning.text for warning in table.warnings],
         "warnings": [warning.as_json() for warning in (*mapping.warnings, *table.warnings)],
         "broken_rows": table.broken,
@@ -382,35 +123,28 @@ def preview(
     }  # fmt: skip
 
 
-def _missing(mapping: ColumnMap) -> list[str]:
-    missing = [name for name in ("time_s", "pressure_kpa") if name not in mapping.columns]
-    return missing if any(map(is_signal, mapping.columns)) else [*missing, "s1_mv"]
-
-
-def _recording(
-    path: Path, table: Table, mapping: ColumnMap, rate_hz: float | None, separator: str | None, signals_only: bool
-) -> Recording:
+def _recording(path: Path, table: Table, mapping: ColumnMap, rate_hz: float | None, signals_only: bool) -> Recording:
     spared = {"time_s"} if rate_hz is not None else set()
     spared |= {"pressure_kpa"} if signals_only else set()
-    missing = [name for name in _missing(mapping) if name not in spared]
+    missing = [name for name in mapping.missing if name not in spared]
     if missing:
         raise unmapped(path.name, missing, mapping, table)
-    meta = _meta(table, mapping, path) | ({"import_separator": separator} if separator else {})
-    if "time_s" not in mapping.columns:
-        meta["import_rate_hz"] = rate_hz
-    values = {name: table.columns[c.position] * c.factor for name, c in mapping.columns.items()}
+    mapping, left_out = too_many_sensors(table, mapping)
+    meta = _meta(table, mapping, path)
+    if left_out:
+        _note(meta, left_out)
+    values = {name: column.values(table) for name, column in mapping.columns.items()}
     if "time_s" in values:
-        keep = _increasing(path, table, values["time_s"], values.get("segment"))
+        values, keep = _on_one_clock(path, table, mapping, values, meta)
     else:
+        meta["import_rate_hz"] = rate_hz
         values["time_s"] = np.arange(table.rows) / float(rate_hz or 1.0)
         keep = np.ones(table.rows, dtype=bool)
     if not keep.any():
         raise DataError(f"{path.name} holds no row with a time", "Check the column map.")
-    repeated = int((~keep).sum())
-    if repeated:
-        meta["repeated_times"] = repeated
-        _note(meta, f"{repeated} rows left out: no time, or that of the row before")
-    values = {name: column[keep] for name, column in values.items()}
+    values = _filled({name: column[keep] for name, column in values.items()}, table, mapping, meta)
+    if "simulated" in values:
+        meta["simulated"] = bool(np.nanmax(values["simulated"]) > 0)
     channel = None
     if mapping.channels:
         meta["channels"] = [list(channel) for channel in mapping.channels.values()]
@@ -426,24 +160,145 @@ def _recording(
     )  # fmt: skip
 
 
-def _increasing(path: Path, table: Table, time_s: FloatArray, segment: FloatArray | None) -> np.ndarray[Any, Any]:
-    """Rows to keep: those whose time is a number and not that of the row before. Falling time is refused."""
+def _on_one_clock(
+    path: Path, table: Table, mapping: ColumnMap, values: dict[str, FloatArray], meta: dict[str, Any]
+) -> tuple[dict[str, FloatArray], BoolArray]:
+    """Return the columns with one clock that never falls, and the rows to keep: with a time, each once."""
+    column = mapping.columns["time_s"]
+    time_s = _rising(path, table, column, values.get("segment"), meta)
+    for own, names in _by_clock(mapping).items():
+        values |= _from_other_clock(table, column, own, {name: values[name] for name in names}, time_s, meta)
+    known = np.flatnonzero(np.isfinite(time_s))
+    steps = np.diff(time_s[known])
+    coarse = clocks.spread(time_s[known]) if _differ_where_time_stands(steps, known, values) else None
+    if coarse is not None:
+        time_s = time_s.copy()
+        time_s[known] = coarse
+        _note(meta, f"stamps of column {table.names[column.position]!r} are {_coarseness(steps):g} s apart: "
+                    "rows spread evenly between them; --rate HZ states the rate")  # fmt: skip
     keep = np.isfinite(time_s)
-    rows = np.flatnonzero(keep)
+    keep[known[1:][np.diff(time_s[known]) == 0]] = False
+    if reason := clocks.refusal(time_s[keep]):
+        cause = f"{path.name}: column {table.names[column.position]!r} is no clock of a run: {reason}"
+        raise DataError(cause, f"State its unit: --map time_s={column.position + 1}:UNIT, or map another column.")
+    repeated = int((~keep).sum())
+    if repeated:
+        meta["repeated_times"] = repeated
+        _note(meta, f"{repeated} rows left out: no time, or that of the row before")
+    if not mapping.clocks:
+        return values | {"time_s": time_s}, keep
+    moved = [values[name] for name in mapping.clocks]
+    inside = np.logical_and.reduce([np.isfinite(values) for values in moved])
+    rows = np.flatnonzero(inside)
+    if rows.size:  # before and after the other clock nothing is known
+        keep[: rows[0]] = keep[rows[-1] + 1 :] = False
+    return values | {"time_s": time_s}, keep
+
+
+def _rising(path: Path, table: Table, column: Column, segment: FloatArray | None, meta: dict[str, Any]) -> FloatArray:
+    """Return the times of a column, unwrapped, its segments end to end; refused where it falls otherwise."""
+    time_s = column.values(table)
+    rows = np.flatnonzero(np.isfinite(time_s))
     if not rows.size:
         raise DataError(f"{path.name}: the time column holds no numbers", "Map another column.")
+    title = table.names[column.position]
+    begins = np.flatnonzero(np.diff(segment[rows]) != 0) + 1 if segment is not None else np.zeros(0, np.int64)
+    fallen = [at for at in begins if time_s[rows[at]] < time_s[rows[at - 1]]]
+    if fallen:
+        time_s, steps = time_s.copy(), np.diff(time_s[rows])
+        interval = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+        for at in fallen:
+            time_s[rows[at:]] += time_s[rows[at - 1]] + interval - time_s[rows[at]]
+        _note(meta, f"the clock {title!r} begins again in {len(fallen)} segments: laid end to end")
     steps = np.diff(time_s[rows])
-    same = np.ones(steps.size, bool) if segment is None else np.diff(segment[rows]) == 0
-    falling = np.flatnonzero((steps < 0) & same)
-    if falling.size:
+    falling = np.flatnonzero(steps < 0)
+    if not falling.size:
+        return time_s
+    found = clocks.unwrapped(time_s, column.factor)
+    if found is None:
         row = int(rows[falling[0] + 1])
         raise DataError(
             f"{path.name}, line {line_of_row(path, table.dialect, row)}: time falls from {time_s[rows[falling[0]]]:g} "
             f"to {time_s[row]:g} s ({falling.size} times in all)",
             "Split the file where the clock restarts, or map another column as time.",
         )
-    keep[rows[1:][(steps == 0) & same]] = False
-    return keep
+    _note(meta, f"the clock {title!r} begins again at {found[1]:.10g} s: unwrapped, {falling.size} times")
+    return found[0]
+
+
+def _by_clock(mapping: ColumnMap) -> dict[Column, list[str]]:
+    """Return the names of the columns of each other clock."""
+    return {own: [name for name, clock in mapping.clocks.items() if clock == own] for own in mapping.clocks.values()}
+
+
+def _from_other_clock(
+    table: Table, main: Column, own: Column, values: Mapping[str, FloatArray], time_s: FloatArray, meta: dict[str, Any]
+) -> dict[str, FloatArray]:
+    """Return columns of another clock, interpolated at the times of the run; refused where the clocks have no overlap.
+
+    Stamps are compared as such; numbers as they are.
+    """
+    titles = [table.names[column.position] for column in (main, own)]
+    what = f"clocks in columns {main.position + 1} ({titles[0]}) and {own.position + 1} ({titles[1]})"
+    remedy = f"Map one of them: --map time_s={main.position + 1}, or import the halves apart and together as two files."
+    stamps = [table.stamps.get(column.position) for column in (main, own)]
+    if (stamps[0] is None) != (stamps[1] is None):
+        raise RequestError(f"two {what} of different kinds", remedy)
+    own_s = own.values(table)
+    if stamps[0] is not None and stamps[1] is not None:
+        days = _days_between(stamps[0].midnight, stamps[1].midnight)
+        firsts = [float(s.seconds[np.isfinite(s.seconds)][0]) for s in stamps if s is not None]
+        own_s = own_s + firsts[1] - firsts[0] + clocks.DAY_S * days
+    order = np.isfinite(own_s)
+    if (np.diff(own_s[order]) < 0).any():
+        raise DataError(f"of the two {what} the second falls", remedy)
+    moved = {name: clocks.onto(time_s, own_s, column) for name, column in values.items()}
+    if not all(np.isfinite(column).any() for column in moved.values()):
+        raise DataError(f"the two {what} have no time in common", remedy)
+    known = order & np.isfinite(time_s)
+    if known.any() and np.array_equal(own_s[known], time_s[known]):
+        return dict(values)
+    _note(meta, f"two {what}: {', '.join(values)} interpolated at the times of the first")
+    return moved
+
+
+def _days_between(first: str, second: str) -> int:
+    return (date.fromisoformat(second) - date.fromisoformat(first)).days if first and second else 0
+
+
+def _differ_where_time_stands(steps: FloatArray, rows: IntArray, values: Mapping[str, FloatArray]) -> bool:
+    """Return whether rows that repeat a time have other signals than the row before: then they are no repeats."""
+    same = np.flatnonzero(steps == 0)
+    if not same.size:
+        return False
+    signals = [column[rows] for name, column in values.items() if is_signal(name)]
+    differ = np.logical_or.reduce([column[same + 1] != column[same] for column in signals])
+    return float(differ.mean()) > clocks.COARSE
+
+
+def _coarseness(steps: FloatArray) -> float:
+    return float(np.median(steps[steps > 0]))
+
+
+def _filled(
+    values: dict[str, FloatArray], table: Table, mapping: ColumnMap, meta: dict[str, Any]
+) -> dict[str, FloatArray]:
+    """Return the columns with those of a lower rate interpolated; only their rows, where all have the same ones."""
+    measured = [name for name in values if name == "pressure_kpa" or name.endswith("_mv")]
+    periods = {name: clocks.sparse_period(values[name]) for name in measured}
+    known = {name: np.isfinite(values[name]) for name in measured}
+    time_s = values["time_s"]
+    if all(periods.values()) and all(np.array_equal(known[name], known[measured[0]]) for name in measured):
+        _note(meta, f"{int((~known[measured[0]]).sum())} rows without values left out")
+        return {name: column[known[measured[0]]] for name, column in values.items()}
+    for name in measured:
+        title = table.names[mapping.columns[name].position]
+        if periods[name]:
+            values[name] = clocks.onto(time_s, time_s, values[name])
+            _note(meta, f"column {title!r} has a value in every {periods[name]}th row only: interpolated between them")
+        elif held := clocks.held_period(values[name]):
+            _note(meta, f"column {title!r} holds each value for {held} rows: its rate is lower than that of the file")
+    return values
 
 
 def _signals(values: Mapping[str, FloatArray], meta: dict[str, Any]) -> tuple[FloatArray, Any, Any]:
@@ -489,7 +344,7 @@ def _counts_scale(meta: Mapping[str, Any]) -> float | None:
 
 def _whole_numbers(values: Mapping[str, FloatArray], meta: dict[str, Any]) -> dict[str, IntArray]:
     """Index, state, flags and segment; a row whose cell is no such number is flagged and follows the one before."""
-    columns = {name: values[name] for name in _PLAIN if name in values}
+    columns = {name: values[name] for name in PLAIN if name in values}
     good = {name: np.abs(column) <= WHOLE_MAX for name, column in columns.items()}  # False for NaN
     gone = [name for name, rows in good.items() if not rows.any() or (name == "index" and not rows.all())]
     invalid = np.zeros(values["time_s"].size, dtype=bool)
@@ -512,6 +367,8 @@ def _note(meta: dict[str, Any], text: str) -> None:
 
 def _meta(table: Table, mapping: ColumnMap, path: Path) -> dict[str, Any]:
     meta: dict[str, Any] = {"imported_from": path.name, "import_map": mapping.as_profile(table)}
+    if mapping.signal_unit != "mV":
+        meta["signal_unit"] = mapping.signal_unit
     if mapping.warnings:
         meta["import_notes"] = [warning.text for warning in mapping.warnings]
     if table.warnings:

@@ -1,41 +1,47 @@
 """A table of numbers from a text file as it is found.
 
 `analysis.data.csv_dialect` finds how the file is written; pandas reads the body at speed; only if that fails is the
-file read line by line, to name the lines. A column of clock times becomes seconds since its first row: ISO 8601,
-day.month.year, and hours:minutes:seconds; 3/4/2026 is ambiguous and stays text. A time of day that falls by more than
-twelve hours passed midnight. Every cell that is not a number is counted, and the first ones are named by line.
+file read line by line, to name the lines. A column of stamps (`analysis.data.clocks`) becomes seconds since its first
+row; 3/4/2026 is ambiguous and stays text. Every cell that is not a number is counted, and the first ones are named by
+line.
 """
 
 from __future__ import annotations
 
+import io
 import itertools
 import math
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from analysis.data.csv_dialect import MISSING, Dialect, cells_of, is_comment, number, records, sniff
+from analysis.data.clocks import Stamps, is_stamp, read_stamps
+from analysis.data.csv_dialect import (
+    MAX_LINE_BYTES,
+    MISSING,
+    Dialect,
+    cells_of,
+    is_comment,
+    number,
+    records,
+    sniff,
+)
 from analysis.warning import Warning, WarningCode
 from protocol.base.errors import FileError, RequestError
 
 MOST_WARNINGS = 10
 MAX_BAD_SHARE = 0.05  # more broken rows than this and the file was not understood
 MOST_BROKEN = 10_000  # and more of them than whole rows: the rest is not read
-DAY_S = 86_400.0
+_TORN_AGAINST = 200  # lines whose last numbers are compared with that of a last line without an end
 SHOWN_WORDS = 100  # cells of a text column that are tried as grouped numbers
 # pandas 3 reads decimals to the nearest double by itself and deprecates the option that older ones need for it
 _EXACT: dict[str, Any] = {} if int(pd.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
-
-_TIME = r"\d{1,2}:\d{2}:\d{2}(?:[.,]\d+)?"
-_OF_DAY = re.compile(rf"^{_TIME}$")
-_ISO = re.compile(rf"^\d{{4}}-\d{{2}}-\d{{2}}[T ]{_TIME}(?:Z|[+-]\d{{2}}:?\d{{2}})?$")
-_DOTTED = re.compile(rf"^(\d{{1,2}})\.(\d{{1,2}})\.(\d{{4}}) ({_TIME})$")
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +60,7 @@ class Table:
     warnings: tuple[Warning, ...]
     broken: int
     masked: int
+    stamps: Mapping[int, Stamps] = field(default_factory=dict)  # columns that were stamps
 
     @property
     def rows(self) -> int:
@@ -66,15 +73,17 @@ class Table:
         return list(self.text[at]) if at in self.text else [str(value) for value in self.columns[at]]
 
     def position(self, wanted: str) -> int:
-        """Return the position of a column by its name (case and blanks aside) or its number from 1.
+        """Return the position of a column by its number from 1, or by its name (case and blanks aside).
 
-        Raises RequestError if there is no such column, or the name occurs twice.
+        Digits alone are a number. Raises RequestError if there is no such column, or the name occurs twice.
         """
+        if wanted.strip().isdigit():
+            if 1 <= int(wanted) <= len(self.names):
+                return int(wanted) - 1
+            raise RequestError(f"there is no column {int(wanted)}", f"Columns are numbered 1 to {len(self.names)}.")
         plain = [_plain(name) for name in self.names]
         raw = [_plain(f"{n} ({u})") if u else _plain(n) for n, u in zip(self.names, self.units, strict=True)]
         hits = [i for i in range(len(plain)) if _plain(wanted) in (plain[i], raw[i])]
-        if not hits and wanted.strip().isdigit() and 1 <= int(wanted) <= len(self.names):
-            return int(wanted) - 1
         if len(hits) == 1:
             return hits[0]
         having = ", ".join(self.names[:20])
@@ -83,38 +92,90 @@ class Table:
         raise RequestError(f"there is no column {wanted!r}", f"The columns are: {having}.")
 
 
-def read_table(path: str | Path, separator: str | None = None) -> Table:
-    """Read a table of numbers; raises FileError if it is none, or too broken to be one, with the lines."""
+def read_table(path: str | Path, separator: str | None = None, *, skip: int = 0, whole_lines: bool = False) -> Table:
+    """Read a table of numbers; raises FileError if it is none, or too broken to be one, with the lines.
+
+    Parameters
+    ----------
+    skip : lines above header and numbers.
+    whole_lines : leave out a last line without an end that may be cut off.
+    """
     path = Path(path)
     try:
-        dialect = sniff(path, separator)
+        dialect = sniff(path, separator, skip)
+        torn = whole_lines and _is_torn(path, dialect)
         frame = _fast(path, dialect)
     except OSError as error:
         raise FileError(f"{path} cannot be read: {error.strerror}", "Check name and permissions.") from error
     if frame is None:
-        return _with_clocks(_slow(path, dialect))
+        return _with_clocks(_slow(path, dialect, torn=torn))
+    warnings = []
+    if torn:
+        frame = frame.iloc[:-1]
+        warnings.append(_torn(line_of_row(path, dialect, len(frame))))
+    if dialect.nuls:
+        warnings.append(_nuls(path))
     text = {
         position: [str(v).strip() if isinstance(v, str) else "" for v in frame[position]]
         for position in range(frame.shape[1])
         if not pd.api.types.is_numeric_dtype(frame[position])
     }
-    empty = np.full(len(frame), np.nan)
-    columns = tuple(empty if at in text else frame[at].to_numpy(np.float64) for at in range(frame.shape[1]))
-    return _with_clocks(_table(dialect, columns, text))
+    columns = tuple(
+        np.full(len(frame), np.nan) if at in text else frame[at].to_numpy(np.float64) for at in range(frame.shape[1])
+    )
+    return _with_clocks(_table(dialect, columns, text, warnings))
+
+
+def _is_torn(path: Path, dialect: Dialect) -> bool:
+    """Return whether the last line has no end, and its last number fewer digits than those above it may have."""
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - MAX_LINE_BYTES))
+        last = file.read()
+    if dialect.encoding == "utf-16":
+        tail = last[len(last) % 2 :].decode("utf-16-be" if last[-2:-1] == b"\0" else "utf-16-le", errors="replace")
+    else:
+        tail = last.decode(dialect.encoding, errors="replace").rstrip("\0")
+    lines = re.split(r"[\r\n]+", tail)[-_TORN_AGAINST:]
+    if is_comment(lines[-1]):
+        return False
+    cells = [cells_of(line, dialect.separator) for line in lines if not is_comment(line)]
+    ends = [row[-1].strip() for row in cells[:-1] if len(row) == len(cells[-1])]
+    decimals = [len(end.partition(dialect.decimal)[2]) for end in ends]
+    own = cells[-1][-1].strip()
+    if any(decimals):
+        return len(own.partition(dialect.decimal)[2]) < max(decimals)
+    return bool(ends) and len(own) < min(map(len, ends))
+
+
+def _torn(line: int) -> Warning:
+    return Warning(WarningCode.RAGGED_ROW, "", f"line {line}, the last one, has no line end: left out, may be cut off")
+
+
+def _nuls(path: Path) -> Warning:
+    return Warning(WarningCode.RAGGED_ROW, "", f"{path.read_bytes().count(0)} NUL bytes left out")
 
 
 def _with_clocks(table: Table) -> Table:
-    """Turn columns of clock times into seconds since the first, with a warning."""
+    """Turn columns of stamps into seconds since the first, with a warning."""
     columns, units, text, warnings = list(table.columns), list(table.units), dict(table.text), list(table.warnings)
+    found: dict[int, Stamps] = {}
     for position, words in table.text.items():
-        clock = seconds_of(words)
-        if clock is None:
+        stamps = read_stamps(words)
+        if stamps is None:
             continue
-        (columns[position], kind), units[position] = clock, "s"
+        found[position] = stamps
+        columns[position], units[position] = since_first(stamps), "s"
         del text[position]
-        cause = f"column {table.names[position]!r} holds {kind}: taken as seconds since its first"
+        cause = f"column {table.names[position]!r} holds {stamps.kind}: taken as seconds since its first"
         warnings.append(Warning(WarningCode.CLOCK_COLUMN, "", cause))
-    return replace(table, columns=tuple(columns), units=tuple(units), text=text, warnings=tuple(warnings))
+    warned = tuple(warnings)
+    return replace(table, columns=tuple(columns), units=tuple(units), text=text, warnings=warned, stamps=found)
+
+
+def since_first(stamps: Stamps) -> npt.NDArray[np.float64]:
+    """Return the seconds of stamps since the first one [n]."""
+    first = np.flatnonzero(np.isfinite(stamps.seconds))[0]
+    return np.asarray(np.round(stamps.seconds - stamps.seconds[first], 9), np.float64)
 
 
 def _plain(name: str) -> str:
@@ -130,7 +191,7 @@ def _table(
 ) -> Table:
     """Name the columns, and count the cells that are no number."""
     masked = int(sum((~np.isfinite(c)).sum() for i, c in enumerate(columns) if i not in text))
-    units = dialect.units or ("",) * dialect.columns
+    units = (*dialect.units, *("",) * dialect.columns)[: dialect.columns]
     return Table(_names(dialect), units, columns, text, dialect, tuple(warnings[:MOST_WARNINGS]), broken, masked)
 
 
@@ -142,7 +203,7 @@ def _names(dialect: Dialect) -> tuple[str, ...]:
 def _fast(path: Path, dialect: Dialect) -> pd.DataFrame | None:
     """Read with pandas' C parser; None where rows are ragged or a cell is neither number nor clean text."""
     try:
-        with path.open(encoding=dialect.encoding) as file:
+        with _opened(path, dialect, "strict") as file:
             for _ in range(dialect.data_line):  # by lines: a lone quotation mark above the data ends nothing
                 next(file)
             frame = pd.read_csv(
@@ -160,25 +221,43 @@ def _fast(path: Path, dialect: Dialect) -> pd.DataFrame | None:
         shown = frame[column].dropna().astype(str).head(SHOWN_WORDS)
         if any(math.isfinite(number(cell, dialect.decimal) or math.nan) for cell in shown):
             return None  # grouped thousands, another minus sign
-    if frame.iloc[:, -1].isna().any() and not frame.iloc[:, -1].isna().all():
-        return None  # perhaps rows too short: the slow path counts the fields
+    last_empty = frame.iloc[:, -1].isna()
+    if last_empty.any() and not last_empty.all() and not _is_rectangular(path, dialect, len(frame)):
+        return None  # rows too short: the slow path counts the fields
     return pd.DataFrame(frame)
 
 
+def _is_rectangular(path: Path, dialect: Dialect, rows: int) -> bool:
+    """Return whether the separators of unquoted rows are as many as those of full rows."""
+    if dialect.separator == " ":
+        return False
+    with _opened(path, dialect, "strict") as file:
+        body = "".join(itertools.islice(file, dialect.data_line, None))
+    return '"' not in body and body.count(dialect.separator) == rows * (dialect.columns - 1)
+
+
+def _opened(path: Path, dialect: Dialect, errors: str) -> TextIO:
+    """Return the text of a file, without NUL bytes."""
+    if not dialect.nuls:
+        return path.open(encoding=dialect.encoding, errors=errors, newline=None)
+    text = path.read_bytes().decode(dialect.encoding, errors).replace("\0", "")
+    return io.StringIO(text.replace("\r\n", "\n").replace("\r", "\n"))
+
+
 def _lines(path: Path, dialect: Dialect) -> Iterator[tuple[int, str]]:
-    with path.open(encoding=dialect.encoding, errors="replace", newline=None) as file:
+    with _opened(path, dialect, "replace") as file:
         for at, line in enumerate(file):
             if at >= dialect.data_line and not is_comment(line):
                 yield at + 1, line.rstrip("\n")
 
 
-def _slow(path: Path, dialect: Dialect) -> Table:
+def _slow(path: Path, dialect: Dialect, *, torn: bool) -> Table:
     width = dialect.columns
     rows: list[list[float]] = []
     words: list[list[str]] = []
     places: list[int] = []
     warnings: list[Warning] = []
-    broken = 0
+    broken = line_number = 0
     for line_number, line in records(_lines(path, dialect)):
         cells = cells_of(line, dialect.separator)
         if len(cells) == width + 1 and not cells[-1].strip():
@@ -195,12 +274,18 @@ def _slow(path: Path, dialect: Dialect) -> Table:
         rows.append([math.nan if v is None else v for v in values])
         words.append([cell.strip() if v is None else "" for cell, v in zip(cells, values, strict=True)])
         places.append(line_number)
+    if torn and rows and line_number == places[-1]:
+        del rows[-1], words[-1], places[-1]
+    if torn:
+        warnings.append(_torn(line_number))
+    if dialect.nuls:
+        warnings.append(_nuls(path))
     if not rows or broken > MAX_BAD_SHARE * (len(rows) + broken) + 2:
         first = "; ".join(warning.text for warning in warnings[:3])
         raise FileError(f"{path.name}: {broken} rows do not fit the columns; {first}", "Correct the file.")
     table = np.asarray(rows)
     columns = tuple(np.ascontiguousarray(table[:, i]) for i in range(width))
-    text = {i: [row[i] for row in words] for i in range(width) if all(row[i] for row in words)}
+    text = {i: [row[i] for row in words] for i in range(width) if _is_text([row[i] for row in words], columns[i])}
     names = _names(dialect)
     warnings += [
         Warning(WarningCode.NOT_A_NUMBER, "", f"line {place}: {cell[:30]!r} in column {names[i]!r} is not a number")
@@ -211,38 +296,16 @@ def _slow(path: Path, dialect: Dialect) -> Table:
     return _table(dialect, columns, text, warnings, broken)
 
 
+def _is_text(words: list[str], values: npt.NDArray[np.float64]) -> bool:
+    """Return whether a column is text: all of its cells, or all that are not empty are stamps."""
+    if all(words):
+        return True
+    return not np.isfinite(values).any() and is_stamp(next(filter(None, words), ""))
+
+
 def line_of_row(path: Path, dialect: Dialect, row: int) -> int:
     """Return the line, counted from 1, of data row `row`, counted from 0."""
     for at, (line_number, _) in enumerate(records(_lines(path, dialect))):
         if at == row:
             return line_number
     return dialect.data_line + row + 1
-
-
-def seconds_of(cells: Sequence[str]) -> tuple[npt.NDArray[np.float64], str] | None:
-    """Return clock times as seconds since the first [n], and their kind; None where any cell is something else."""
-    if not cells:
-        return None
-    if all(_OF_DAY.match(cell) for cell in cells):
-        seconds = np.asarray([_of_day(cell) for cell in cells])
-        midnights = np.cumsum(np.diff(seconds, prepend=seconds[0]) < -DAY_S / 2)
-        over = f", over midnight {midnights[-1]} time{'s' if midnights[-1] > 1 else ''}" if midnights[-1] else ""
-        return np.round(seconds + DAY_S * midnights - seconds[0], 9), f"times of day{over}"
-    dated = [_two_digits(_DOTTED.sub(r"\3-\2-\1 \4", cell).replace(",", ".")) for cell in cells]
-    if not all(_ISO.match(cell) for cell in dated):
-        return None
-    try:
-        instants = pd.to_datetime(dated, format="ISO8601", utc=True)
-    except (ValueError, OverflowError):
-        return None  # the 31st of February
-    return (instants - instants[0]).total_seconds().to_numpy(dtype=np.float64), "dates and times"
-
-
-def _of_day(cell: str) -> float:
-    hours, minutes, seconds = cell.replace(",", ".").split(":")
-    return 3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds)
-
-
-def _two_digits(cell: str) -> str:
-    """Write 2026-3-1 9:00:00 as 2026-03-01 09:00:00."""
-    return re.sub(r"(?<=[-T ])(\d)(?=[-: ])", r"0\1", cell)

@@ -488,12 +488,12 @@ def with_losses(run: SegmentedRun, sensor: int, figures: Mapping[str, Figure]) -
     counter, chosen = LossCounter.of(run.recording, sensor), set(run.loops.numbers)
     if run.plateaus:
         holds = [p for p in run.plateaus if p.cycle in chosen and p.branch]
-        of_loops = counter.of_windows([slice(p.settled_first, p.last + 1) for p in holds])
+        of_loops = counter.of_like_windows([slice(p.settled_first, p.last + 1) for p in holds])
         read = set() if run.elongations is None else set(np.flatnonzero(run.elongations.known).tolist())
         points = [p for i, p in enumerate(run.plateaus) if i in read and p.cycle in chosen and p.branch]
-        of_points = counter.of_windows([slice(p.settled_first, p.last + 1) for p in points])
+        of_points = counter.of_like_windows([slice(p.settled_first, p.last + 1) for p in points])
     else:
-        of_loops = of_points = counter.of_windows([c.rows for c in run.cycles.used])
+        of_loops = of_points = counter.of_like_windows([c.rows for c in run.cycles.used])
     return {name: _over(figure, of_points if name in OF_POINTS else of_loops) for name, figure in figures.items()}
 
 

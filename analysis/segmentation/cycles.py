@@ -168,7 +168,7 @@ def find_cycles(recording: Recording, tolerance_kpa: float = TOLERANCE_KPA) -> C
     if smooth.size < 8 or span <= max(6.0 * noise / np.sqrt(5), 2.0 * tolerance_kpa):
         return Cycles((), (), (), smooth, noise, max(span, 0.0), _not_driven(span, noise, tolerance_kpa))
     complete, partial = _assemble(smooth, recording.time_s, _groups(smooth, span), span)
-    complete = tuple(_marked(cycle, recording) for cycle in complete)
+    complete = tuple(_marked(cycle, recording, smooth, span) for cycle in complete)
     return Cycles(complete, partial, _small_excursions(smooth, span, noise), smooth, noise, span)
 
 
@@ -321,13 +321,25 @@ def _stretch(smooth: FloatArray, first: int, last: int, reason: str) -> Excursio
     return Excursion(first, last, float(part.min()), float(part.max()), reason)
 
 
-def _marked(cycle: Cycle, recording: Recording) -> Cycle:
+def _marked(cycle: Cycle, recording: Recording, smooth: FloatArray, span: float) -> Cycle:
     lost = sum(gap.lost for gap in recording.gaps if cycle.first <= gap.row < cycle.last)
-    broken = recording.segment[cycle.first] != recording.segment[cycle.last]
+    left, arrived = _between_extremes(cycle, smooth, span)
+    broken = recording.segment[left] != recording.segment[arrived]
     why = "interrupted by a pause or a restart of the board" if broken else ""
     if _ended_before_a_cycle(recording.steps):
         why = "the run ended before its first cycle was complete"
     return replace(cycle, lost=lost, left_out=why)
+
+
+def _between_extremes(cycle: Cycle, smooth: FloatArray, span: float) -> tuple[int, int]:
+    """Return the rows at which a cycle leaves its first extreme and comes to its last one: a pause there is outside."""
+    near = min(EXTREME_SHARE * span + TOLERANCE_KPA, _LOW * span)
+    inside = smooth[cycle.rows]
+    left = np.flatnonzero(np.abs(inside - inside[0]) > near)
+    coming = np.flatnonzero(np.abs(inside - inside[-1]) > near)
+    if not left.size or not coming.size:
+        return cycle.first, cycle.last
+    return cycle.first + int(left[0]) - 1, cycle.first + int(coming[-1]) + 1
 
 
 def _ended_before_a_cycle(steps: pd.DataFrame) -> bool:

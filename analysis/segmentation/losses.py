@@ -7,7 +7,7 @@ A sample is counted under the first reason that holds. Above a limit the figure 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
@@ -91,3 +91,13 @@ class LossCounter:
         gaps = [int((s[inside] - s[first]).sum()) for s in self.sums[:2]]
         rows = [int((s[last] - s[first]).sum()) for s in self.sums[2:]]
         return Losses(int((last - first).sum()) + sum(gaps), *gaps, *rows)
+
+    def of_like_windows(self, windows: Sequence[slice]) -> Losses:
+        """Count in windows of about one length: one that a pause prolonged lost no more than a usual one has."""
+        each = [self.of_windows([window]) for window in windows]
+        if not each:
+            return Losses()
+        usual = int(np.median([loss.samples for loss in each]))
+        whole = {name: sum(getattr(loss, name) for loss in each) for name in Losses.__dataclass_fields__}
+        beyond = sum(max(0, loss.lost - usual) for loss in each)
+        return replace(Losses(**whole), samples=whole["samples"] - beyond, lost=whole["lost"] - beyond)

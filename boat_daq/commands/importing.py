@@ -50,6 +50,7 @@ def importing(
     Example: boat-daq import lab.csv --out lab.boat --map pressure_kpa=3:bar --map s1_mv="Sensor A:V"
     """
     from analysis.data import csv_import as importer
+    from analysis.data.column_map import map_columns
 
     columns = importer.load_profile(profile) if profile else {}
     columns |= column_map(mapping)
@@ -57,7 +58,7 @@ def importing(
         from analysis.data.csv_table import read_table
 
         table = read_table(file)
-        importer.save_profile(save_profile, importer.map_columns(table, columns), table)
+        importer.save_profile(save_profile, map_columns(table, columns), table)
         notify(f"saved the map in {save_profile}")
     if preview:
         content = importer.preview(file, columns)

@@ -61,10 +61,12 @@ def export_calibration(
 
 def preview_table(path: Path, separator: str | None) -> dict[str, Any]:
     """Return what the importer finds in a CSV file, and the units of measurement that each quantity may have."""
-    from analysis.data.csv_import import preview, units_of
+    from analysis.data.column_names import units_of
+    from analysis.data.csv_import import preview
 
-    roles = ("time_s", "pressure_kpa", "target_kpa", *(f"s{n}_mv" for n in range(1, 5)))
-    return preview(path, separator=separator) | {"units": {role: units_of(role) for role in roles}}
+    roles = ("time_s", "pressure_kpa", "target_kpa", *(f"s{n}_mv" for n in range(1, 9)))
+    units = {role: tuple(unit.lower() for unit in units_of(role)) for role in roles}
+    return preview(path, separator=separator) | {"units": units}
 
 
 def import_table(

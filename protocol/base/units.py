@@ -33,20 +33,34 @@ _PREFIXED: Final = {
 _PLAIN: Final = {
     "psi": ("pressure", KPA_PER_UNIT["psi"]), "mmHg": ("pressure", KPA_PER_UNIT["mmhg"]),
     "Torr": ("pressure", KPA_PER_UNIT["torr"]), "atm": ("pressure", KPA_PER_UNIT["atm"]),
-    "cmH2O": ("pressure", 0.0980665), "inHg": ("pressure", 3.386389), "in": ("length", 25.4),
-    "min": ("time", 60.0), "h": ("time", 3600.0), "m3": ("volume", 1000.0), "%": ("ratio", 1.0), "ppm": ("ratio", 1e-4),
+    "cmH2O": ("pressure", 0.0980665), "mmH2O": ("pressure", 0.00980665), "inH2O": ("pressure", 0.24908891),
+    "inHg": ("pressure", 3.386389), "kgf/cm2": ("pressure", 98.0665), "in": ("length", 25.4),
+    "min": ("time", 60.0), "h": ("time", 3600.0), "d": ("time", 86400.0), "pF": ("capacitance", 1.0),
+    "nF": ("capacitance", 1e3), "uF": ("capacitance", 1e6), "m3": ("volume", 1000.0), "%": ("ratio", 1.0),
+    "ppm": ("ratio", 1e-4),
     "degC": ("temperature", 1.0), "degF": ("temperature", 5 / 9), "deg": ("angle", 1.0), "rpm": ("rotation", 1.0),
 }  # fmt: skip
 _OFFSETS: Final = {"K": -273.15, "degF": -160 / 9}  # of temperatures, in degC
 _SPELT: Final = {  # other spellings, in small letters
     "c": "degC", "celsius": "degC", "deg c": "degC", "f": "degF", "fahrenheit": "degF", "deg f": "degF",
-    "kelvin": "K", "volt": "V", "volts": "V", "ampere": "A", "percent": "%", "%rh": "%", "%rf": "%", "sec": "s",
+    "kelvin": "K", "ampere": "A", "percent": "%", "%rh": "%", "%rf": "%",
+    "volt": "V", "volts": "V", "millivolt": "mV", "millivolts": "mV", "microvolt": "uV", "microvolts": "uV",
+    "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sekunde": "s", "sekunden": "s", "seconde": "s",
+    "seconden": "s", "secondes": "s", "segundos": "s", "msec": "ms", "millisecond": "ms", "milliseconds": "ms",
+    "usec": "us", "microsecond": "us", "microseconds": "us", "nanosecond": "ns", "nanoseconds": "ns", "mins": "min",
+    "minute": "min", "minutes": "min", "minuten": "min", "hr": "h", "hrs": "h", "hour": "h", "hours": "h",
+    "day": "d", "days": "d", "tage": "d", "pascal": "Pa", "pascals": "Pa", "kilopascal": "kPa", "kilopascals": "kPa",
+    "millibar": "mbar", "bars": "bar", "kg/cm2": "kgf/cm2", "kgf/cm^2": "kgf/cm2", "kg/cm^2": "kgf/cm2",
+    "kgf/cm²": "kgf/cm2", "lbf/in2": "psi", "pounds per square inch": "psi", "inches h2o": "inH2O", "newton": "N",
+    "newtons": "N", "ohms": "ohm", "kiloohm": "kohm", "kiloohms": "kohm", "millimeter": "mm", "millimeters": "mm",
+    "millimetre": "mm", "millimetres": "mm", "micrometer": "um", "micrometre": "um", "micron": "um", "microns": "um",
+    "picofarad": "pF", "nanometer": "nm", "nanometre": "nm",
     "inch": "in", "l": "L", "slpm": "L/min", "lpm": "L/min", "ml/min": "mL/min", "sccm": "mL/min", "µ": "um",
 }  # fmt: skip
 _CASELESS: Final = (  # what a name in the wrong case means
     "Pa", "hPa", "kPa", "MPa", "bar", "mbar", "psi", "mmHg", "Torr", "atm", "V", "mV", "uV", "A", "mA", "m", "cm", "mm",
     "um", "s", "ms", "us", "min", "h", "degC", "degF", "K", "N", "mN", "Hz", "kHz", "W", "mW", "ohm", "kohm", "g", "kg",
-    "L/min", "mL/min", "lx", "mL",
+    "L/min", "mL/min", "lx", "mL", "ns", "cmH2O", "mmH2O", "inH2O", "inHg", "pF", "nF", "nm", "kgf/cm2",
 )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ NAMES = (
 )
 COMMAND = re.compile(rf"boat-daq (?:{NAMES})\b|(?<![\w-])--[a-z]{{3,}}")
 TERMINAL_ONLY = {  # modules whose errors and texts the window never shows
+    "analysis/data/column_map.py": "the window maps columns in its panel, from a preview that refuses none",
     "analysis/data/csv_import.py": "the window maps columns in its panel, from a preview that refuses none",
     "analysis/data/boat_writer.py": "verifying an import",
     "analysis/data/load.py": "options for a CSV",

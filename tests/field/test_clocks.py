@@ -1,0 +1,137 @@
+"""Clocks of other programs: read, unwrapped, spread, joined, or refused by name."""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis.data.csv_import import import_csv
+from protocol.base.errors import BoatDaqError
+from tests.field.truth import HEAD, Lines, Run, is_the_truth, put
+
+NOON = datetime(2024, 5, 26, 11, 59, 30)
+
+FOLDER = {
+    "m00_reference": "",
+    "m04_two_clocks": "two clocks",
+    "m10_second_stamps": "spread evenly",
+    "m11_empty_first_rows": "",
+    "m13_minute_wrap": "begins again at 60 s: unwrapped, 2 times",
+    "m13_micros_wrap": "begins again at 4294.967296 s: unwrapped",
+    "m15_pause_in_hold": "1500 lost",
+    "m15_pause_in_ramp": "1500 samples lost",
+    "m16_ampm": "",
+    "m16_ymd_slash": "",
+    "m16_matlab": "",
+    "m16_labview_two_spaces": "",
+    "m16_colon_ms": "",
+    "m16_brackets": "",
+    "m17_pressure_every_10th": "every 10th row only: interpolated",
+    "m21_segment_restart": "laid end to end",
+}
+
+
+@pytest.mark.parametrize("name", FOLDER)
+def test_the_cases_of_the_folder(cases: Path, name: str) -> None:
+    """Each gives the figures of the reference, and what was done is said."""
+    is_the_truth(cases / f"{name}.csv", FOLDER[name])
+
+
+def stamped(form: str, run: Run, head: str = "Time,Pressure (kPa),S1 (mV)") -> list[str]:
+    """Return a table with stamps; {ms} is the milliseconds."""
+    shown = [NOON + timedelta(seconds=float(t)) for t in run.time_s]
+    stamps = [t.strftime(form).replace("{ms}", f"{t.microsecond // 1000:03d}") for t in shown]
+    return [head, *(f"{t},{p:.4f},{s:.4f}" for t, p, s in zip(stamps, run.pressure_kpa, run.signal_mv, strict=True))]
+
+
+def timed(form: str, scale: float, offset: float, wrap: float = 0.0, title: str = "time_s") -> Lines:
+    """Return what writes a table with times in other numbers."""
+
+    def write(run: Run) -> list[str]:
+        time = np.round(run.time_s * scale + offset, 9)
+        time = time % wrap if wrap else time
+        rows = zip(time, run.pressure_kpa, run.signal_mv, strict=True)
+        return [HEAD.replace("time_s", title), *((form + ",{:.4f},{:.4f}").format(*row) for row in rows)]
+
+    return write
+
+
+def german(run: Run) -> list[str]:
+    """Return months in German, a decimal comma in the stamps, semicolons."""
+    lines = [line.replace(",", ";") for line in stamped("%d-%b-%Y %H:%M:%S_{ms}", run)]
+    return [line.replace("May", "Mai").replace("_", ",") for line in lines]
+
+
+def two_loggers(run: Run) -> list[str]:
+    """Return pressure and signal with stamps of their own, 0.7 s apart and the second at half the rate."""
+    first = [NOON + timedelta(seconds=float(t)) for t in run.time_s]
+    shown = [t.isoformat(" ", "milliseconds") for t in first]
+    rows = [f"{shown[i]},{run.pressure_kpa[i]:.4f}" for i in range(len(shown))]
+    later = [f"{shown[i]},{run.signal_mv[i]:.4f}" for i in range(35, len(shown), 2)]
+    later += [","] * (len(rows) - len(later))
+    return ["Time,Pressure (kPa),Timestamp,Signal (mV)", *(f"{a},{b}" for a, b in zip(rows, later, strict=True))]
+
+
+OWN: dict[str, tuple[Lines, str]] = {
+    "days of Excel": (timed("{:.9f}", 1 / 86400, 45_000.5, title="Time"), "taken as d"),
+    "days of MATLAB": (timed("{:.10f}", 1 / 86400, 739_000.25, title="datenum"), ""),
+    "nanoseconds": (timed("{:.0f}", 1e9, 5e9, title="time (ns)"), ""),
+    "seconds since 1904": (timed("{:.3f}", 1, 3.8e9), ""),
+    "an hour": (timed("{:.3f}", 1, 3570, 3600), "begins again at 3600 s"),
+    "2^16 ms": (timed("{:.0f}", 1e3, 60_000, 2**16, "time (ms)"), "begins again at 65.536 s"),
+    "minutes and seconds": (lambda run: stamped("%M:%S.{ms}", run), "begins again at 3600 s"),
+    "asctime": (lambda run: stamped("%a %b %d %H:%M:%S %Y", run), "spread evenly"),
+    "a zone": (lambda run: stamped("%Y-%m-%dT%H:%M:%S.{ms}+02:00", run), ""),
+    "German months": (german, ""),
+    "two loggers": (two_loggers, "two clocks"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_other_clocks(tmp_path: Path, run: Run, name: str) -> None:
+    """Each gives the known figures, and what was done is said."""
+    write, said = OWN[name]
+    is_the_truth(put(tmp_path, write(run)), said)
+
+
+def test_a_date_that_may_be_two_needs_its_order(tmp_path: Path, run: Run) -> None:
+    """3/4/2024 is refused, and read once the order is stated."""
+    path = put(tmp_path, [line.replace("26/05", "03/04") for line in stamped("%d/%m/%Y %H:%M:%S.{ms}", run)])
+    with pytest.raises(BoatDaqError, match="03/04/2024") as refused:
+        import_csv(path)
+    assert "time_s=1:dmy" in refused.value.remedy
+    is_the_truth(path, columns={"time_s": "1:dmy"})
+
+
+@pytest.mark.parametrize(
+    ("write", "cause"),
+    [
+        (timed("{:.0f}", 1e3, 0, title="time (us)"), ""),
+        (timed("{:.0f}", 1e3, 0, title="time (ns)"), "MHz"),
+        (timed("{:.3f}", 1, 0, title="time (h)"), ""),
+        (timed("{:.3f}", 1e6, 0, title="time (s)"), "days"),
+        (timed("{:.3f}", 1, 0, 33.7), "time falls"),
+    ],
+)
+def test_a_clock_without_sense_is_refused(tmp_path: Path, run: Run, write: Lines, cause: str) -> None:
+    """Above 1 MHz, above a year, or beginning again at an unusual value: refused by name."""
+    path = put(tmp_path, write(run))
+    if not cause:
+        assert import_csv(path).n == run.time_s.size
+        return
+    with pytest.raises(BoatDaqError, match=cause):
+        import_csv(path)
+
+
+def test_clocks_of_different_kinds_are_refused(tmp_path: Path, run: Run) -> None:
+    """Stamps and numbers cannot be compared: both columns are named."""
+    lines = stamped("%H:%M:%S.{ms}", run)
+    rows = [
+        f"{a.rpartition(',')[0]},{t:.2f},{a.rpartition(',')[2]}" for a, t in zip(lines[1:], run.time_s, strict=True)
+    ]
+    path = put(tmp_path, ["Time,Pressure (kPa),Time,S1 (mV)", *rows])
+    with pytest.raises(BoatDaqError, match=r"columns 3 \(Time\) and 1 \(Time\) of different kinds"):
+        import_csv(path)

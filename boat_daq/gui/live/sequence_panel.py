@@ -54,15 +54,15 @@ FIELD_WIDTH = 60
 OF_CYCLES = ("high_kpa", "low_kpa", "step_kpa", "ramp_kpa_per_s", "max_dwell_s", "settling_s")  # not of segments
 END_AT = {  # label and explanation of the uncertainty at which a run ends, by its unit
     "mm": (
-        "Stop at U below",
+        "Stop at U \u2264",
         "Ends the run after the first cycle with this U (k = 2) of an elongation, mm",
     ),
     "% FSO": (
-        "Stop at \u00b1 below",
+        "Stop at \u00b1 \u2264",
         "Ends the run after the first cycle that leaves this half width of the intervals (95 %) of drift per 100 "
         "cycles and of repeatability, % FSO",
     ),
-    "": ("Stop at U below", "A plan of segments runs all its cycles"),
+    "": ("Stop at U \u2264", "A plan of segments runs all its cycles"),
 }
 UNLIMITED = (1 << 24) - 1  # Qt's QWIDGETSIZE_MAX, which PySide6 does not name
 START_OVER = ("Start over", "Arm the whole plan from its first cycle, in a new recording")

@@ -130,11 +130,11 @@ def test_the_uncertainty_has_the_unit_of_its_plan(live):
         form.asked.editingFinished.emit()
         live.refresh()
 
-    assert shown("calibration") == ("Stop at U below", "", "mm", "mm", True)
+    assert shown("calibration") == ("Stop at U \u2264", "", "mm", "mm", True)
     enter("0.08")
-    assert shown("repeatability") == ("Stop at \u00b1 below", "", "% FSO", "% FSO", True)
+    assert shown("repeatability") == ("Stop at \u00b1 \u2264", "", "% FSO", "% FSO", True)
     enter("0.5")
-    assert shown("calibration") == ("Stop at U below", "0.08", "mm", "mm", True)
+    assert shown("calibration") == ("Stop at U \u2264", "0.08", "mm", "mm", True)
     assert shown("step-test")[1:3] == ("", "")
     assert not form.asked.isEnabled()
     assert shown("repeatability")[1] == "0.5"

@@ -251,7 +251,7 @@ def over_cycles(analysis: Analysis) -> Section:
         if sensor.figures["fso_mv"].value > 0 and analysis.loops.n_cycles >= LEAST_SPREAD:
             of_levels = tuple(partial(draw, analysis, i) for draw in (drawings.drift_of_levels, drawings.distribution))
             parts.append(ReportDrawing(of_levels, f"Sensor {i + 1}.", 2.8))
-    parts += [text for i, s in enumerate(analysis.sensors, 1) if (text := _single_cycles(i, s))]
+    parts += [text for i, s in enumerate(analysis.sensors, 1) if (text := single_cycles(i, s))]
     for i, sensor in enumerate(analysis.sensors, 1):
         warm = sensor.by_cycle.warm_up
         if warm:
@@ -262,7 +262,7 @@ def over_cycles(analysis: Analysis) -> Section:
     return Section("Cycle by cycle", tuple(parts))
 
 
-def _single_cycles(number: int, sensor: SensorAnalysis) -> str:
+def single_cycles(number: int, sensor: SensorAnalysis) -> str:
     """Explain why a cycle's hysteresis is larger than the headline's; nothing where it is not."""
     lift, figure = sensor.by_cycle.hysteresis_lift_percent_fso, sensor.figures["system_hysteresis_percent_fso"]
     known = [value for value in sensor.system_hysteresis_per_cycle if np.isfinite(value)]

@@ -493,12 +493,12 @@ class Plot:
         if self._theme is not None:
             self.cursor.label.fill = pg.mkBrush(self._theme.surface)
 
-    def fit(self, *, x_margin: float = 0.04, smallest: float = 0.0) -> None:
-        """Show all that is drawn, at least `smallest` high; for pages that change on request, not in a frame."""
+    def fit(self, *, x_margin: float = 0.04, smallest: float = 0.0, also_y: Sequence[float] = ()) -> None:
+        """Show all that is drawn and the heights `also_y`, at least `smallest` high; not in a frame."""
         layers = [layer for layer in self.layers if layer.item.isVisible() and layer.x.size]
         x_low, x_high = axis.extremes(*(layer.x for layer in layers))
         bands = (layer.low for layer in layers if isinstance(layer, Band))
-        y_low, y_high = axis.extremes(*(layer.y for layer in layers), *bands)
+        y_low, y_high = axis.extremes(*(layer.y for layer in layers), *bands, np.array(also_y, dtype=float))
         if x_low <= x_high and y_low <= y_high:
             self._y_shown = axis.framed(y_low, y_high, smallest=smallest)
             self._home = axis.padded(x_low, x_high, x_margin), self._y_shown

@@ -6,12 +6,14 @@ from collections.abc import Sequence
 
 from PySide6.QtCore import QModelIndex, QPersistentModelIndex, QSize, Qt
 from PySide6.QtGui import QColor, QPainter, QResizeEvent
-from PySide6.QtWidgets import QHeaderView, QStyledItemDelegate, QStyleOptionViewItem
+from PySide6.QtWidgets import QHeaderView, QStyledItemDelegate, QStyleOptionViewItem, QWidget
 
 from analysis.numbers import in_unit
 from boat_daq.gui import style
 from boat_daq.gui.style import Theme
+from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
+from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.results.figure_tables import Cell
 from protocol.base.units import STORED_UNITS, ShownUnits, as_text
 
@@ -106,3 +108,34 @@ class FigureTable(DataTable):
         mode = QHeaderView.ResizeMode.Stretch if wide else QHeaderView.ResizeMode.ResizeToContents
         if self.columnCount():
             self.horizontalHeader().setSectionResizeMode(0, mode)
+
+
+class KeyFigures(QWidget):
+    """The six figures that are read first, and all of them on request.
+
+    Parameters
+    ----------
+    name : key under which the choice is kept.
+    """
+
+    def __init__(self, name: str, preferences: Preferences) -> None:
+        super().__init__()
+        self.table = FigureTable()
+        self._key, self._preferences = f"all figures {name}", preferences
+        self._rows: tuple[Sequence[Sequence[Cell]], Sequence[Sequence[Cell]], Sequence[str]] = ((), (), ())
+        self.all = widgets.button("All figures", self._toggle, "quiet", tip="Every figure, or the six key figures")
+        self.all.setCheckable(True)
+        self.all.setChecked(bool(preferences.get(self._key, False)))
+        self.setLayout(widgets.column((self.table, 1), widgets.row(None, self.all), margins=(0, 0, 0, 0)))
+
+    def _toggle(self) -> None:
+        self._preferences.set(self._key, self.all.isChecked())
+        self.show_figures(*self._rows)
+
+    def show_figures(
+        self, key: Sequence[Sequence[Cell]], every: Sequence[Sequence[Cell]], sensors: Sequence[str]
+    ) -> None:
+        """Show other figures, with a column for each sensor."""
+        self._rows = key, every, sensors
+        self.table.show_rows(every if self.all.isChecked() or not key else key, sensors)
+        self.all.setVisible(bool(key) and len(every) > len(key))

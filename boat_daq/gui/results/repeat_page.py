@@ -1,28 +1,33 @@
-"""The repeatability page: loops coloured by cycle; drift, hysteresis, sensitivity and SNR of every cycle."""
+"""The repeatability page: one large plot of a figure of every cycle with that of the run, its band and its limit."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
 import numpy as np
+from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
-from boat_daq.gui.plotting.plot import Curve, Points, ramp_colour, sensor_colour
+from boat_daq.gui.plotting.plot import Curve, Plot, Points, ramp_colour, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
-from boat_daq.gui.results.figure_table import SIDE, FigureTable
+from boat_daq.gui.results.figure_table import SIDE, KeyFigures
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
-from boat_daq.gui.widgets.layouts import Divided, EmptyState, Leaves, Shares
+from boat_daq.gui.widgets.layouts import Divided, EmptyState, Leaves
 from boat_daq.viewmodels.common.services import Panel, Services
-from boat_daq.viewmodels.results.repeatability import GROUPS, RepeatabilityModel
-from boat_daq.viewmodels.results.run_result import RunResult
+from boat_daq.viewmodels.results.figure_tables import DRIFT_KEY, HYSTERESIS_KEY, SENSITIVITY_KEY, SNR_KEY, RunFigure
+from boat_daq.viewmodels.results.repeatability import CYCLE_FIGURES, GROUPS, CycleFigure, RepeatabilityModel
+from boat_daq.viewmodels.results.run_result import CycleSeries, RunResult
+from protocol.base.arrays import FloatArray
 
 SYMBOLS = ("o", "s", "t1", "d")  # by sensor, up to four
-FILLED, _OPEN = "\u25cf\u25a0\u25b2\u25c6", "\u25cb\u25a1\u25b3\u25c7"  # the same as text
+_SENSORS = len(SYMBOLS)
+FILLED = "\u25cf\u25a0\u25b2\u25c6"  # the same as text
+NONE: FloatArray = np.zeros(0)
 NO_FIGURE = "No cycle has this figure; the tooltip in the table gives the reason."
 BREAK_HEADINGS = ("", "before", "after", "p (t)", "p (F)")
 BREAK_TIPS = {
@@ -32,17 +37,19 @@ BREAK_TIPS = {
 
 
 class LoopsByCycle(PlotCard):
-    """The loops of each sensor over pressure, one plot below the other; early cycles dark, late ones bright."""
+    """Loading minus unloading of each sensor over pressure, a plot each; early cycles dark, late ones bright."""
 
     def __init__(self) -> None:
         super().__init__("Loops by cycle")
         self.groups: list[list[Curve]] = []  # by sensor
+        self.limits: list[tuple[Plot, Any]] = []
         self._arrange(1)
 
     def _arrange(self, sensors: int) -> None:
         """Show the plots of so many sensors."""
         for number in range(len(self.plots) + 1, sensors + 1):
-            plot = self.add(f"Sensor {number}", "mV", x_title="Pressure", x_unit="kPa")
+            plot = self.add(f"Sensor {number}", "% FSO", x_title="Pressure", x_unit="kPa")
+            plot.line(lambda t: t.muted, style_=Qt.PenStyle.SolidLine)
             names = [f"Sensor {number}, group {i + 1}" for i in range(GROUPS)]
             self.groups.append([plot.curve(name, ramp_colour(i, GROUPS), gaps=True) for i, name in enumerate(names)])
         self.link_x()
@@ -50,53 +57,101 @@ class LoopsByCycle(PlotCard):
         self.paint_theme(self.theme)
 
     def show_groups(self, model: RepeatabilityModel) -> None:
-        """Draw the groups of cycles of each sensor."""
+        """Draw the groups of cycles of each sensor, and the limit."""
         assert model.result is not None
-        loops = model.result.loops
+        loops, sensors = model.result.loops, model.result.sensors
         self.clear()
-        self._arrange(len(loops.signal_mv))
-        for plot, curves, signal_mv in zip(self.plots, self.groups, loops.signal_mv, strict=False):
+        self._arrange(len(sensors))
+        for plot, line in self.limits:
+            plot.remove_line(line)
+        self.limits = []
+        for i, (plot, curves) in enumerate(zip(self.plots, self.groups, strict=False)):
             for curve, cycles in zip(curves, model.groups(), strict=True):
-                curve.set(*loops.broken(loops.pressure_kpa, signal_mv, cycles))
+                known = i < len(sensors)
+                curve.set(*(loops.opened(i, sensors[i].cycles.full_scale_mv, cycles) if known else (NONE, NONE)))
+            self.limits += limit_lines(plot, sensors[i].cycles.whole) if i < len(sensors) else []
             plot.fit()
-        self.readout.setText(f"cycles {loops.numbers[0]}\u2013{loops.numbers[-1]}, dark first")
+        self.readout.setText(f"loading minus unloading, cycles {loops.numbers[0]}\u2013{loops.numbers[-1]}, dark first")
+
+
+def limit_lines(plot: Plot, whole: Mapping[str, RunFigure]) -> list[tuple[Plot, Any]]:
+    """Draw the limit of the hysteresis on both sides of zero; none where there is no limit."""
+    found = whole.get(HYSTERESIS_KEY, RunFigure()).limit
+    ends = [end for end in (found, -found) if np.isfinite(end)]
+    label = f"limit {found:g} % FSO"
+    return [(plot, plot.line(lambda t: t.warn, at=at, label=label, style_=Qt.PenStyle.DotLine)) for at in ends]
 
 
 class CycleFigureCard(PlotCard):
-    """A figure of every cycle over its number, all sensors."""
+    """A figure of every cycle over its number, all sensors: points, the run's figure with its band, and the limit."""
 
-    def __init__(self, title: str, axis: str, unit: str) -> None:
-        super().__init__(title)
-        self.plot = self.add(axis, unit, x_title="Cycle")
-        self.sensors = self.points("Sensor {}")
+    def __init__(self) -> None:
+        super().__init__("Figure by cycle", show_title=False)
+        self.plot = self.add("", "", x_title="Cycle")
+        self.bands = [self.plot.band(f"Interval, sensor {n}, 95 %", sensor_colour(n)) for n in range(1, _SENSORS + 1)]
+        self.lines = [self.plot.curve(f"Run, sensor {n}", sensor_colour(n)) for n in range(1, _SENSORS + 1)]
+        self.sensors = self._points("Sensor {}")
+        self.low_ends = self._points("Sensor {}, lowest", filled=False)
+        self.marks: list[Any] = []
+        self.note = widgets.label("", "small", wrap=True, name="What the plot shows")
+        self.inside.addWidget(self.note)
 
-    def points(self, name: str, *, filled: bool = True) -> list[Points]:
-        """Add points for each sensor; its number is put into `name`."""
+    def _points(self, name: str, *, filled: bool = True) -> list[Points]:
+        """Return points for each sensor; its number is put into `name`."""
         return [
             self.plot.points(name.format(n), sensor_colour(n), filled=filled, symbol=symbol, size=6)
             for n, symbol in enumerate(SYMBOLS, 1)
         ]
 
-    def explain_symbols(self, sensors: int) -> None:
-        """Name the symbols of so many sensors."""
-        self.readout.setText("  ".join(f"{symbol} {n}" for n, symbol in enumerate(FILLED[:sensors], 1)))
+    def show_figure(self, model: RepeatabilityModel, shown: CycleFigure) -> None:
+        """Draw a figure of all cycles."""
+        assert model.result is not None
+        self.title = shown.name
+        self.plot.clear()
+        for mark in self.marks:
+            self.plot.remove_line(mark)
+        self.marks = []
+        sensors, numbers = model.result.sensors, model.numbers()
+        unit = sensors[0].cycles.sensitivity_unit if shown.key == SENSITIVITY_KEY else shown.unit
+        self.plot.set_title(shown.axis, unit)
+        for i, sensor in enumerate(sensors):
+            self._show_sensor(i, sensor.cycles, numbers, shown.key)
+        limit, text = model.limit(shown)
+        if np.isfinite(limit):
+            self._mark(self.plot.line(lambda t: t.warn, at=limit, label=text, style_=Qt.PenStyle.DotLine))
+        for found in model.result.breaks:
+            self._mark(self.plot.line(lambda t: t.warn, at=found.at_cycle, vertical=True, label="interrupted"))
+        self.readout.setText("  ".join(f"{symbol} sensor {n}" for n, symbol in enumerate(FILLED[: len(sensors)], 1)))
+        self.show_empty("" if any(points.y.size for points in self.sensors) else NO_FIGURE)
+        widgets.set_text(self.note, model.note(shown))
+        self.plot.fit(also_y=() if not np.isfinite(limit) else (limit,))
 
-    def frame(self) -> None:
-        """Show all points, or that no cycle has this figure."""
-        self.show_empty("" if any(layer.y.size for layer in self.plot.layers) else NO_FIGURE)
-        self.plot.fit()
+    def _mark(self, line: Any) -> None:
+        self.marks.append(line)
 
+    def _show_sensor(self, i: int, each: CycleSeries, numbers: FloatArray, key: str) -> None:
+        """Draw the cycles of a sensor, and the figure of its run."""
+        if key == DRIFT_KEY:
+            low, high = each.ends if each.ends.size else (NONE, NONE)
+            self._set(self.low_ends[i], numbers, low)
+            self._set(self.sensors[i], numbers, high)
+            line, *band = each.drift_line(numbers)
+        else:
+            per_cycle = {SENSITIVITY_KEY: each.sensitivity, SNR_KEY: each.snr_db}
+            self._set(self.sensors[i], numbers, per_cycle.get(key, each.hysteresis_percent_fso))
+            found = each.whole.get(key, RunFigure())
+            comparable = key != SENSITIVITY_KEY or each.sensitivity_unit == "mV/mm"
+            values = (found.value, found.low, found.high) if comparable else (np.nan,) * 3
+            line, *band = (np.full(numbers.size, value) for value in values)
+        if np.isfinite(line).all():
+            self.lines[i].set(numbers, line)
+        if np.isfinite(band).all():
+            self.bands[i].fill(numbers, *band)
 
-class DriftCard(CycleFigureCard):
-    """The change of the signal at the highest and at the lowest level of every cycle."""
-
-    def __init__(self) -> None:
-        super().__init__("Drift", "Change", "mV")
-        self.low_ends = self.points("Sensor {}, lowest", filled=False)
-
-    def explain_symbols(self, sensors: int) -> None:
-        """Name the symbols of the two levels; the colours are those of the other cards."""
-        self.readout.setText(f"{FILLED[:sensors]} high  {_OPEN[:sensors]} low")
+    @staticmethod
+    def _set(points: Points, numbers: FloatArray, values: FloatArray) -> None:
+        known = np.isfinite(values)  # cycles that have the figure
+        points.set(numbers[: values.size][known], values[known])
 
 
 class RepeatPage(QWidget):
@@ -109,34 +164,27 @@ class RepeatPage(QWidget):
         self.headline = widgets.label("", "subtitle", elide=True)
         self.warm_up = widgets.label("", "muted")
         self.known = widgets.label("", "muted", name="Uncertainty of drift and repeatability", wrap=True)
-        self.loops = LoopsByCycle()
-        self.drift = DriftCard()
-        self.hysteresis = CycleFigureCard("Hysteresis", "Per cycle", "% FSO")
-        self.sensitivity = CycleFigureCard("Sensitivity", "Per cycle", "mV/mm")
-        self.snr = CycleFigureCard("SNR", "Per cycle", "dB")
-        self.figures = (self.drift, self.hysteresis, self.sensitivity, self.snr)
-        self.table = FigureTable()
+        self.loops, self.card = LoopsByCycle(), CycleFigureCard()
+        names = [(shown.name, shown) for shown in CYCLE_FIGURES]
+        self.figure = widgets.choice("Figure", [*names, ("Loops by cycle", None)], lambda _: self._draw())
+        self.drawn = Leaves(self.card, self.loops)
+        self.table = KeyFigures("repeat", services.preferences)
         self.break_texts = widgets.label("", "small", wrap=True)
         self.tests = DataTable("Both sides of each interruption compared", BREAK_HEADINGS)
         self.tests.explain(BREAK_TIPS)
         self.breaks = widgets.inside(widgets.column(style.GAP, self.break_texts, (self.tests, 1), spacing=style.GAP))
-        self.break_lines: list[tuple[CycleFigureCard, Any]] = []
         self.missing = EmptyState(*model.missing(), "Choose the plan", choose_plan)
         self.stack = Leaves(self.missing, self._filled())
         widgets.page_layout(self).addWidget(self.stack)
 
     def _filled(self) -> QWidget:
         report = widgets.button("Report \u2026", partial(self.services.show, Panel.REPORT))
-        parts = self.headline, self.warm_up, None, report
+        parts = self.headline, self.warm_up, None, widgets.label("Figure", "muted"), self.figure, report
         head, _ = widgets.card(widgets.row(*parts), self.known)
-        keep = self.services.preferences
-        columns = ((self.drift, self.sensitivity), (self.hysteresis, self.snr))
-        halves = [Shares(f"repeat {i}", keep, *((card, 1) for card in cards)) for i, cards in enumerate(columns)]
-        left = Shares("repeat", keep, (self.loops, 4), *((half, 3) for half in halves), beside=True)
         self.tabs = widgets.tabs("Figures, and the interruptions of the run", (self.table, "Figures"))
         self.tabs.setTabBarAutoHide(True)
         side, _ = widgets.card((self.tabs, 1))
-        sides = Divided("repeat", self.services.preferences, left, side, SIDE, stacks=True)
+        sides = Divided("repeat", self.services.preferences, self.drawn, side, SIDE, stacks=True)
         return widgets.holder(widgets.column(head, (sides, 1), spacing=style.GAP))
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
@@ -156,38 +204,23 @@ class RepeatPage(QWidget):
         self.known.setVisible(bool(self.known.text()))
         if result is None or not result.cycles:
             return
-        sensors = len(result.sensors)
-        self.loops.show_groups(model)
-        for shown in self.figures:
-            shown.plot.clear()
-            shown.explain_symbols(sensors)
-        for i, sensor in enumerate(result.sensors):
-            numbers, top, bottom = model.extremes(i)
-            each = sensor.cycles
-            for points, values in (
-                (self.drift.sensors[i], top),
-                (self.drift.low_ends[i], bottom),
-                (self.hysteresis.sensors[i], each.hysteresis_percent_fso),
-                (self.sensitivity.sensors[i], each.sensitivity),
-                (self.snr.sensors[i], each.snr_db),
-            ):
-                known = np.isfinite(values)  # cycles that have the figure
-                points.set(numbers[known], values[known])
-            self.sensitivity.plot.set_title("Per cycle", each.sensitivity_unit)
-        for shown in self.figures:
-            shown.frame()
+        self._draw()
         self._show_breaks(result)
-        self.table.show_rows(result.figures, [sensor.label for sensor in result.sensors])
+        self.table.show_figures(result.key_figures, result.figures, [sensor.label for sensor in result.sensors])
+
+    def _draw(self) -> None:
+        """Draw the chosen figure."""
+        result, shown = self.model.result, self.figure.currentData()
+        if result is None or not result.cycles:
+            return
+        self.drawn.setCurrentWidget(self.loops if shown is None else self.card)
+        if shown is None:
+            self.loops.show_groups(self.model)
+        else:
+            self.card.show_figure(self.model, shown)
 
     def _show_breaks(self, result: RunResult) -> None:
-        """Draw a line at each interruption, and show the tests across it in a tab of their own."""
-        for card, line in self.break_lines:
-            card.plot.remove_line(line)
-        self.break_lines = [
-            (card, card.plot.line(lambda t: t.warn, at=found.at_cycle, vertical=True, label="interrupted"))
-            for found in result.breaks
-            for card in self.figures
-        ]
+        """Show the tests across each interruption in a tab of their own."""
         self.break_texts.setText("\n".join(found.sentence for found in result.breaks))
         self.tests.fill([row for found in result.breaks for row in found.rows])
         at = self.tabs.indexOf(self.breaks)

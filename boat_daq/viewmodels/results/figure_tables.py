@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 Cell = tuple[str, str]
 """A text of a table with its tooltip."""
+HYSTERESIS_KEY, DRIFT_KEY = "system_hysteresis_percent_fso", "drift_percent_fso_per_100_cycles"
+SENSITIVITY_KEY, SNR_KEY, FSO_KEY = "sensitivity_mv_per_mm", "snr_db", "fso_mv"
+OF_CYCLES = (HYSTERESIS_KEY, DRIFT_KEY, SENSITIVITY_KEY, SNR_KEY, FSO_KEY)
 _SHAPES = {"pass": "\u25cf", "conditional_pass": "\u25d0", "conditional_fail": "\u25b3", "fail": "\u25b2"}
 """Marks of a statement of conformity beside a value; one that is undetermined has none."""
 _MARKS = ", ".join(f"{shape} {statement.replace('_', ' ')}" for statement, shape in _SHAPES.items())
@@ -49,14 +52,16 @@ def figure_text(figure: Figure | None, decimals: int, stated: LimitStatement | N
     return text, "\n".join(lines)
 
 
-def figure_rows(sensors: Sequence[SensorAnalysis]) -> tuple[tuple[Cell, ...], ...]:
+def figure_rows(
+    sensors: Sequence[SensorAnalysis], keys: Sequence[str] = tuple(SENSOR_FIGURES)
+) -> tuple[tuple[Cell, ...], ...]:
     """Return the table of figures: name over unit and published limit, then every sensor; none that no sensor has."""
     from analysis.figures.acceptance import TOLERANCES, against_published
 
     limits = {tolerance.key: tolerance for tolerance in TOLERANCES}
     stated = [{one.tolerance.key: one for one in against_published(sensor)} for sensor in sensors]
     rows = []
-    for d in SENSOR_FIGURES.values():
+    for d in (SENSOR_FIGURES[key] for key in keys):
         if any(d.key in sensor.figures for sensor in sensors):
             pairs = zip(sensors, stated, strict=True)
             cells = [figure_text(s.figures.get(d.key), d.decimals, known.get(d.key)) for s, known in pairs]
@@ -146,6 +151,26 @@ def _conformity_text(conformity: Conformity) -> str:
     """Return a statement with its mark, a condition in a second line: two of them leave names their width."""
     condition, _, stated = conformity.label.rpartition(" ")
     return f"{_SHAPES.get(conformity, '')} {stated}\n{condition}".strip()
+
+
+@dataclass(frozen=True, slots=True)
+class RunFigure:
+    """A figure of the whole run with its 95 % interval and its published limit; NaN where there is none."""
+
+    value: float = math.nan
+    low: float = math.nan
+    high: float = math.nan
+    limit: float = math.nan
+    symbol: str = ""  # of the limit
+
+
+def run_figures(sensor: SensorAnalysis) -> dict[str, RunFigure]:
+    """Return the figures of a sensor that plots show beside those of single cycles, by key."""
+    from analysis.figures.acceptance import TOLERANCES
+
+    limits = {one.key: (one.limit, one.symbol) for one in TOLERANCES}
+    found = {key: sensor.figures[key] for key in OF_CYCLES if key in sensor.figures}
+    return {key: RunFigure(f.value, f.low, f.high, *limits.get(key, ())) for key, f in found.items()}
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import monotonic
 
@@ -17,6 +17,7 @@ import numpy as np
 from analysis.fidelity import Fidelity, fidelity
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
 from boat_daq.formatting import count, duration, quantity
+from boat_daq.viewmodels.results.figure_tables import DRIFT_KEY, HYSTERESIS_KEY, SENSITIVITY_KEY, SNR_KEY
 from boat_daq.viewmodels.results.run_result import RunResult, analyse_run
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from protocol.base.arrays import FloatArray, IntArray
@@ -28,6 +29,29 @@ WARM_UP_FROM = 6  # cycles, so that warm-up can be distinguished
 HOW = "Choose the plan 'repeatability' and start it: this page is updated during the run. Or open a recording on Runs."
 NO_RUN = f"You will see the loops of every cycle, the drift of their ends, and hysteresis, sensitivity and SNR. {HOW}"
 _NO_CYCLE = "A cycle goes from the highest pressure to the lowest and back."
+
+
+@dataclass(frozen=True, slots=True)
+class CycleFigure:
+    """A figure that is drawn over the cycles: name, axis, unit, key of the run's figure, explanation."""
+
+    name: str
+    axis: str
+    unit: str
+    key: str
+    explanation: str
+
+
+FIGURE = "Points: cycles. Line and band: the figure of the run with its 95 % interval."
+CYCLE_FIGURES = (
+    CycleFigure(
+        "Drift", "From the mean", "% FSO", DRIFT_KEY,
+        "Points: signal at the highest (filled) and the lowest level. Line and band: drift with its 95 % interval.",
+    ),
+    CycleFigure("Hysteresis", "Hysteresis", "% FSO", HYSTERESIS_KEY, f"{FIGURE} That is of the mean loop."),
+    CycleFigure("Sensitivity", "Sensitivity", "mV/mm", SENSITIVITY_KEY, FIGURE),
+    CycleFigure("SNR", "SNR", "dB", SNR_KEY, FIGURE),
+)  # fmt: skip
 
 
 class RepeatabilityModel:
@@ -113,12 +137,22 @@ class RepeatabilityModel:
         """Return the cycles in `GROUPS` groups of consecutive ones, the last of them empty where there are fewer."""
         return np.array_split(np.arange(self.result.cycles if self.result is not None else 0), GROUPS)
 
-    def extremes(self, sensor: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return cycle numbers and the signal's change at the highest and the lowest level, mV from the first cycle."""
-        assert self.result is not None
-        loops = self.result.loops
-        top, bottom = (np.nanmean(loops.signal_mv[sensor][:, :, at], axis=0) for at in (-1, 0))
-        return np.asarray(loops.numbers, dtype=float), top - top[0], bottom - bottom[0]
+    def numbers(self) -> FloatArray:
+        """Return the numbers of the cycles."""
+        return np.asarray(self.result.loops.numbers if self.result is not None else (), dtype=float)
+
+    def limit(self, shown: CycleFigure) -> tuple[float, str]:
+        """Return the published limit of a figure with its text; NaN where there is none."""
+        found = [s.cycles.whole.get(shown.key) for s in self.result.sensors] if self.result is not None else []
+        limit = next((f for f in found if f is not None and math.isfinite(f.limit)), None)
+        return (math.nan, "") if limit is None else (limit.limit, f"limit {limit.symbol} {limit.limit:g}")
+
+    def note(self, shown: CycleFigure) -> str:
+        """Return what the lines of a figure are, and why single cycles lie above that of the run."""
+        if self.result is None:
+            return ""
+        above = [s.cycles.why_above for s in self.result.sensors if s.cycles.why_above]
+        return " ".join([shown.explanation, *(above if shown.key == HYSTERESIS_KEY else ())])
 
     def known(self) -> str:
         """Return how well drift and repeatability are known, of the worse sensor; "" without an interval."""
@@ -130,7 +164,7 @@ class RepeatabilityModel:
             parts.append(f"drift \u00b1{quantity(drift, '% FSO')} per 100 cycles")
         if math.isfinite(spread):
             parts.append(f"repeatability \u00b1{quantity(spread, '% FSO')}")
-        return f"Known to (95 %): {', '.join(parts)}" if parts else ""
+        return f"95 % uncertainty: {', '.join(parts)}" if parts else ""
 
     def warm_up(self) -> str:
         """Return the warm-up cycles as text; empty where there are none, or too few cycles."""

@@ -14,15 +14,20 @@ from analysis.calibration.curve_choice import CurveCandidate
 from analysis.calibration.record import SensorRecord
 from analysis.calibration.type_b import Traceability
 from analysis.fidelity import Level, fidelity
+from analysis.figures.figure import KEY_FIGURES
 from analysis.progress import Progress, part_of
 from analysis.warning import Warning
 from boat_daq.viewmodels.results.camera import CameraResult, camera_result
 from boat_daq.viewmodels.results.figure_tables import (
+    DRIFT_KEY,
+    FSO_KEY,
     BreakResult,
     Cell,
+    RunFigure,
     break_result,
     figure_rows,
     lab_rows,
+    run_figures,
     uncertainty_rows,
     verdict_rows,
 )
@@ -46,6 +51,20 @@ class LoopSet:
     elongation_mm: FloatArray | None
     signal_mv: FloatArray
 
+    def opened(self, sensor: int, scale_mv: float, cycles: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return loading minus unloading over pressure of cycles, % of `scale_mv`, as one line with gaps."""
+        middle = self.pressure_kpa[:, cycles].mean(axis=0)
+        apart = 100.0 * (self.signal_mv[sensor][1] - self.signal_mv[sensor][0])[cycles] / scale_mv
+        return _lines(middle, apart)
+
+    def actuator_opened(self, cycles: IntArray) -> tuple[FloatArray, FloatArray]:
+        """Return loading minus unloading of the elongation over pressure of cycles, % of its span; empty without."""
+        mm = self.elongation_mm
+        if mm is None or not np.isfinite(mm).any():
+            return np.zeros(0), np.zeros(0)
+        span = float(np.nanmax(mm) - np.nanmin(mm)) or math.nan
+        return _lines(self.pressure_kpa[:, cycles].mean(axis=0), 100.0 * (mm[1] - mm[0])[cycles] / span)
+
     def broken(self, abscissa: FloatArray, ordinate: FloatArray, cycles: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return cycles as one line: each closed, down the unloading branch and up the loading one, then a NaN.
 
@@ -62,11 +81,26 @@ class LoopSet:
         return x[keep], y[keep]
 
 
+def _lines(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return rows [cycles, levels] as one line with a NaN behind each; levels without a value are left out."""
+    gap = np.full((len(x), 1), np.nan)
+    x, y = np.concatenate([x, gap], axis=1), np.concatenate([y, gap], axis=1)
+    keep = np.isfinite(x) & np.isfinite(y)
+    keep[:, -1] = True
+    return x[keep], y[keep]
+
+
 @dataclass(frozen=True, slots=True)
 class CycleSeries:
     """A sensor's figures cycle by cycle, [cycles]: hysteresis over pressure % FSO, SNR dB, end-to-end sensitivity.
 
     The sensitivity is in mV/mm where the elongation was read in every cycle, else in mV/kPa.
+
+    Attributes
+    ----------
+    ends : [2, cycles] signal at the lowest and at the highest level, % FSO from its mean over the cycles.
+    whole : figures of the whole run, by key.
+    why_above : why single cycles lie above the figure of the run; empty where they do not.
     """
 
     hysteresis_percent_fso: FloatArray
@@ -74,6 +108,21 @@ class CycleSeries:
     sensitivity: FloatArray
     sensitivity_unit: str
     warm_up: int
+    ends: FloatArray = field(default_factory=lambda: np.zeros((2, 0)))
+    whole: Mapping[str, RunFigure] = field(default_factory=dict)
+    why_above: str = ""
+
+    @property
+    def full_scale_mv(self) -> float:
+        """The full-scale output; NaN where it is not known."""
+        return self.whole.get(FSO_KEY, RunFigure()).value
+
+    def drift_line(self, numbers: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the drift of the run and the ends of its interval over cycle numbers, % FSO from the mean."""
+        found = self.whole.get(DRIFT_KEY, RunFigure())
+        away = (numbers - numbers.mean()) / 100.0
+        one, other = found.low * away, found.high * away
+        return found.value * away, np.minimum(one, other), np.maximum(one, other)
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,6 +173,7 @@ class RunResult(RunCalibration):
     u_elongation : [points, 2] x and U, mm, of each sensor; none where the curve gives no elongation.
     u_reason : reason of each sensor for which U is not given everywhere.
     candidates : the curves of each sensor; none where they were not compared.
+    key_figures : the six figures that are read first.
     drift_half, spread_half : half widths of the 95 % intervals of drift (% FSO per 100 cycles) and repeatability
         (% FSO), of the worse sensor.
     """
@@ -141,6 +191,7 @@ class RunResult(RunCalibration):
     traceability: Traceability | None = None
     candidates: tuple[tuple[CurveCandidate, ...], ...] = ()
     camera: CameraResult | None = None
+    key_figures: tuple[tuple[Cell, ...], ...] = ()
     drift_half: float = math.nan
     spread_half: float = math.nan
 
@@ -177,6 +228,7 @@ def analyse_run(
         partial=len(found.cycles.partial),
         sensors=tuple(_sensor(found, i, sensor) for i, sensor in enumerate(run.sensors)),
         figures=(*figure_rows(found.sensors), *verdict_rows(found.sensors), *lab_rows(found)),
+        key_figures=figure_rows(found.sensors, KEY_FIGURES),
         loops=LoopSet(loops.numbers, loops.pressure_kpa, loops.elongation_mm, loops.signal_mv),
         warnings=found.warnings,
         breaks=tuple(map(break_result, found.breaks)),
@@ -192,6 +244,8 @@ def analyse_run(
 
 
 def _sensor(found: Analysis, index: int, own: SensorCalibration) -> SensorResult:
+    from analysis.reports.run_section import single_cycles
+
     sensor = found.sensors[index]
     each, fit, curve = sensor.by_cycle, sensor.calibration, None
     if fit is not None:
@@ -202,7 +256,14 @@ def _sensor(found: Analysis, index: int, own: SensorCalibration) -> SensorResult
         record=own.record,
         out_of_tolerance=own.out_of_tolerance,
         cycles=CycleSeries(
-            each.hysteresis_percent_fso, each.snr_db, each.sensitivity, each.sensitivity_unit, each.warm_up
+            each.hysteresis_percent_fso,
+            each.snr_db,
+            each.sensitivity,
+            each.sensitivity_unit,
+            each.warm_up,
+            each.level_displacement_percent_fso[:, [0, -1]].T,
+            run_figures(sensor),
+            single_cycles(index + 1, sensor),
         ),
         loading=np.array([found.plateaus[int(i)].branch != "unloading" for i in points], dtype=bool),
         fit=curve,

@@ -8,30 +8,69 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from boat_daq.viewmodels.results.figure_tables import BreakResult
+from boat_daq.viewmodels.results.figure_tables import DRIFT_KEY, HYSTERESIS_KEY, SNR_KEY, BreakResult, RunFigure
 from boat_daq.workflows.jobs import JobFailure, JobState
 from tests.boat_daq.gui.results.run_results import CYCLES, run_result
 from tests.boat_daq.gui.windows import NARROW
 
 
-def test_every_cycle_and_interruption_is_drawn(live):
-    """Eight points in each plot; a line at the break and the tests in their own tab; gone with the next run."""
+def choose(page, name):
+    """Choose a figure as the operator does."""
+    page.figure.setCurrentIndex(page.figure.findText(name))
+    page.figure.activated.emit(page.figure.currentIndex())
+
+
+def test_one_plot_shows_a_figure_of_every_cycle_with_its_run(live):
+    """Eight points, the figure of the run with its band, and the limit inside the plot; why single cycles are above."""
+    whole = {
+        HYSTERESIS_KEY: RunFigure(4.97, 4.9, 5.04, 5.0, "\u2264"), DRIFT_KEY: RunFigure(0.5, 0.4, 0.6),
+        SNR_KEY: RunFigure(44.5, 44.0, 45.0, 60.0, "\u2265"), "fso_mv": RunFigure(250.0),
+    }  # fmt: skip
+    ends = np.array([np.linspace(-0.02, 0.02, CYCLES), np.linspace(-0.03, 0.03, CYCLES)])
+    why = "Sensor 1: a single cycle has a hysteresis of 5.42 % FSO (median), the mean loop 4.97 % FSO."
+    made = run_result()
+    known = dataclasses.replace(made.sensors[0].cycles, whole=whole, ends=ends, why_above=why)
+    live.go("Repeat")
+    page = live.pages["Repeat"]
+    live.model.repeatability.show(
+        dataclasses.replace(made, sensors=(dataclasses.replace(made.sensors[0], cycles=known),))
+    )
+    live.refresh()
+    card = page.card
+    cycles = list(range(1, CYCLES + 1))
+    assert (card.sensors[0].x.tolist(), card.low_ends[0].x.tolist()) == (cycles, cycles)
+    assert card.lines[0].y == pytest.approx(0.005 * (np.array(cycles) - 4.5))
+    assert (card.plot.title, card.plot.unit, why in card.note.text()) == ("From the mean", "% FSO", False)
+    choose(page, "Hysteresis")
+    assert (card.lines[0].y[0], card.bands[0].low[0], card.bands[0].y[0]) == (4.97, 4.9, 5.04)
+    assert [mark.value() for mark in card.marks] == [5.0]
+    assert card.low_ends[0].x.size == 0
+    assert why in card.note.text()
+    choose(page, "SNR")
+    low, high = card.plot.item.getViewBox().viewRange()[1]
+    assert low < 44.0 < 60.0 < high
+    choose(page, "Loops by cycle")
+    assert page.loops.isVisible()
+    assert [line.value() for _, line in page.loops.limits] == [5.0, -5.0]
+
+
+def test_interruption_is_drawn_and_tested(live):
+    """A line at the break and the tests in their own tab; gone with the next run."""
     rows = (("Sensor 1: span (mV)", "256 (n = 4)", "251 (n = 4)", "▲ 0.0004", "0.3"),)
     broken = run_result(breaks=(BreakResult(4.5, "the run was broken after 4 cycles (interrupted)", rows),))
     live.go("Repeat")
     page = live.pages["Repeat"]
     live.model.repeatability.show(broken)
     live.refresh()
-    for card in (page.hysteresis, page.sensitivity, page.snr):
-        assert card.sensors[0].x.tolist() == list(range(1, CYCLES + 1))
-    assert page.sensitivity.plot.unit == "mV/kPa"
-    assert {line.value() for _, line in page.break_lines} == {4.5}
+    choose(page, "Sensitivity")
+    assert page.card.plot.unit == "mV/kPa"
+    assert [mark.value() for mark in page.card.marks] == [4.5]
     assert page.tabs.count() == 2
     assert page.tests.item(0, 3).text() == "▲ 0.0004"
     assert "broken after 4 cycles" in page.break_texts.text()
     live.model.repeatability.show(dataclasses.replace(broken, breaks=()))
     live.refresh()
-    assert (page.break_lines, page.tabs.count()) == ([], 1)
+    assert (page.card.marks, page.tabs.count()) == ([], 1)
 
 
 @pytest.mark.parametrize("width", [1280, NARROW])
@@ -60,11 +99,14 @@ def test_every_sensor_is_drawn(live, sensors):
     loops = dataclasses.replace(whole.loops, signal_mv=(whole.loops.signal_mv[0],) * sensors)
     live.model.repeatability.show(dataclasses.replace(whole, sensors=(first,) * sensors, loops=loops))
     live.refresh()
+    choose(page, "SNR")
+    assert [points.x.size for points in page.card.sensors] == [CYCLES * (n < sensors) for n in range(4)]
+    marks = ["● sensor 1", "■ sensor 2", "▲ sensor 3", "◆ sensor 4"]
+    assert page.card.readout.text().split("  ") == marks[:sensors]
+    choose(page, "Loops by cycle")
     drawn = [plot for plot in page.loops.plots if plot.item in page.loops.view.ci.items]
     assert [plot.title for plot in drawn] == [f"Sensor {n}" for n in range(1, sensors + 1)]
     assert all(group[0].x.size for group in page.loops.groups[:sensors])
-    assert [points.x.size for points in page.snr.sensors] == [CYCLES * (n < sensors) for n in range(4)]
-    assert page.snr.readout.text().split() == ["●", "1", "■", "2", "▲", "3", "◆", "4"][: 2 * sensors]
 
 
 def test_missing_cycles_are_shown_in_place_of_the_plots(live):
@@ -89,7 +131,7 @@ def test_missing_cycles_are_shown_in_place_of_the_plots(live):
 
 
 def test_figure_without_cycles_is_shown_as_text(live):
-    """Without hysteresis in any cycle a text replaces its plot; the others are drawn."""
+    """Without hysteresis in any cycle a text replaces the plot; another figure is drawn."""
     live.go("Repeat")
     page = live.pages["Repeat"]
     whole = run_result()
@@ -97,5 +139,7 @@ def test_figure_without_cycles_is_shown_as_text(live):
     sensors = tuple(dataclasses.replace(s, cycles=none) for s in whole.sensors)
     live.model.repeatability.show(dataclasses.replace(whole, sensors=sensors))
     live.refresh()
-    assert (page.hysteresis.view.isVisible(), page.hysteresis.empty_text.isVisible()) == (False, True)
-    assert page.snr.view.isVisible()
+    choose(page, "Hysteresis")
+    assert (page.card.view.isVisible(), page.card.empty_text.isVisible()) == (False, True)
+    choose(page, "SNR")
+    assert page.card.view.isVisible()

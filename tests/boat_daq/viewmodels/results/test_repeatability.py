@@ -7,13 +7,15 @@ import math
 from pathlib import Path
 from unittest.mock import Mock
 
+import numpy as np
 import pytest
 
 from analysis.fidelity import fidelity
 from analysis.stopping.criterion import DRIFT, SPREAD
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.snapshot import Progress, SessionState
-from boat_daq.viewmodels.results.repeatability import GROUPS, RepeatabilityModel
+from boat_daq.viewmodels.results.figure_tables import HYSTERESIS_KEY
+from boat_daq.viewmodels.results.repeatability import CYCLE_FIGURES, GROUPS, RepeatabilityModel
 from boat_daq.viewmodels.results.run_result import analyse_run
 from boat_daq.workflows.jobs import JobRunner
 from tests.boat_daq.gui.recorded_session import connected
@@ -29,13 +31,20 @@ def test_groups_cover_every_cycle_once(result):
         assert [cycle for group in groups for cycle in group] == list(range(n))
 
 
-def test_drift_begins_at_the_first_cycle(result):
-    """The change of both ends is counted from the first cycle."""
+def test_cycles_are_shown_beside_the_figures_of_their_run(result):
+    """Both ends have a mean of zero over the cycles; figure, interval and limit are those of the analysis."""
     model = RepeatabilityModel(JobRunner())
     model.show(result)
-    numbers, top, bottom = model.extremes(0)
-    assert numbers.tolist() == [1.0, 2.0]
-    assert (top[0], bottom[0]) == (0.0, 0.0)
+    assert model.numbers().tolist() == [1.0, 2.0]
+    each, figures = result.sensors[0].cycles, result.sensors[0].record.figures
+    assert each.ends.shape == (2, 2)
+    assert each.ends.mean(axis=1) == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert each.whole[HYSTERESIS_KEY].value == pytest.approx(figures["system_hysteresis_percent_fso"], abs=0.01)
+    hysteresis = next(shown for shown in CYCLE_FIGURES if shown.key == HYSTERESIS_KEY)
+    assert model.limit(hysteresis) == (5.0, "limit \u2264 5")
+    apart = np.abs(result.loops.opened(0, each.full_scale_mv, np.arange(2))[1])
+    assert np.nanmax(apart) == pytest.approx(max(each.hysteresis_percent_fso), abs=0.3)
+    assert [row[0][0].partition(",")[0] for row in result.key_figures][:2] == ["Sensitivity", "Hysteresis"]
 
 
 def test_every_cycle_has_its_figures(result):
@@ -63,9 +72,9 @@ def test_what_is_known_of_drift_and_repeatability_has_its_unit(result):
     model.show(result)  # two cycles have no interval
     assert model.known() == ""
     model.show(dataclasses.replace(result, drift_half=0.42, spread_half=0.1349))
-    assert model.known() == "Known to (95 %): drift \u00b10.42 % FSO per 100 cycles, repeatability \u00b10.13 % FSO"
+    assert model.known() == "95 % uncertainty: drift \u00b10.42 % FSO per 100 cycles, repeatability \u00b10.13 % FSO"
     model.show(dataclasses.replace(result, drift_half=math.nan, spread_half=12.0))
-    assert model.known() == "Known to (95 %): repeatability \u00b112 % FSO"
+    assert model.known() == "95 % uncertainty: repeatability \u00b112 % FSO"
     model.show(dataclasses.replace(result, drift_half=math.nan, spread_half=math.nan))
     assert model.known() == ""
 

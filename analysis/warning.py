@@ -59,6 +59,7 @@ class WarningCode(StrEnum):
     HIGH_LEVERAGE = "high_leverage"
     OUTLIER = "outlier"
     READING_ERROR_OVERSTATED = "reading_error_overstated"
+    READING_CONFIRMED = "reading_confirmed"
     READING_LEFT_OUT = "reading_left_out"
     POINT_LEFT_OUT = "point_left_out"
     # of the residuals of any fit

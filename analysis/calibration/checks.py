@@ -8,7 +8,7 @@ Regression Analysis (1998), 2.1 (lack of fit); Hurvich and Tsai, Biometrika 76 (
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -114,14 +114,14 @@ def fit_checks(calibration: Calibration, group: FloatArray | None = None) -> dic
 
 
 def calibration_warnings(
-    calibration: Calibration, point: Callable[[int], str] | None = None, units: tuple[str, str] = ("", "")
+    calibration: Calibration, units: tuple[str, str] = ("", ""), *, points: bool = True
 ) -> tuple[Warning, ...]:
-    """Return what the coefficients and their uncertainties alone do not show; `point` names a point, counted from 0."""
+    """Return what the coefficients and their uncertainties alone do not show; without `points` nothing on one point."""
     x_unit, y_unit = (f" {unit}" if unit else "" for unit in units)
     found = [
         *_texts(calibration, y_unit),
         *_near_turning_points(calibration, x_unit),
-        *_suspect_points(calibration, point, y_unit),
+        *(_suspect_points(calibration, y_unit) if points else ()),
     ]
     constant = [item for item in found if item[0] is WarningCode.CONSTANT_Y]
     return tuple(Warning(code, "", text) for code, text in constant or found)
@@ -163,9 +163,7 @@ def _near_turning_points(calibration: Calibration, x_unit: str) -> Iterator[tupl
             )
 
 
-def _suspect_points(
-    calibration: Calibration, point: Callable[[int], str] | None, y_unit: str
-) -> Iterator[tuple[WarningCode, str]]:
+def _suspect_points(calibration: Calibration, y_unit: str) -> Iterator[tuple[WarningCode, str]]:
     """Yield warnings of a point off the curve, and of one that could be off unseen; none for an exact fit.
 
     The largest externally studentised residual against Student's t with Bonferroni's bound (R. D. Cook, S. Weisberg,
@@ -174,8 +172,8 @@ def _suspect_points(
     fit, dof, x, y = calibration.fit, calibration.dof, calibration.x, calibration.y
     alone = int(np.argmax(fit.leverage))
     if dof > 0 and fit.leverage[alone] > HIGHEST_LEVERAGE and calibration.degree > 0:
-        name = point(alone) if point else f"the point at x = {x[alone]:.4g}"
-        alone_there = f"{name} alone determines the curve there (leverage {fit.leverage[alone]:.2f})"
+        where = f"the point at x = {x[alone]:.4g}"
+        alone_there = f"{where} alone determines the curve there (leverage {fit.leverage[alone]:.2f})"
         yield WarningCode.HIGH_LEVERAGE, f"{alone_there}: an error in it would not be seen"
     weighted = np.sqrt(fit.weights) * fit.residuals
     left = 1.0 - fit.leverage
@@ -189,5 +187,5 @@ def _suspect_points(
     if calibration.n * 2.0 * float(stats.t.sf(studentised[worst], dof - 1)) < OUTLIER_CHANCE:
         exact = np.sqrt(rest[worst]) <= _EXACT * np.abs(calibration.y).max()
         far = " on which all others lie" if exact else f", {studentised[worst]:.1f} of its standard deviations"
-        name = point(worst) if point else f"the point at x = {x[worst]:.4g}, y = {y[worst]:.6g}"
+        name = f"the point at x = {x[worst]:.4g}, y = {y[worst]:.6g}"
         yield WarningCode.OUTLIER, f"{name} is {abs(fit.residuals[worst]):.3g}{y_unit} off the curve{far}"

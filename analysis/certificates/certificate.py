@@ -28,6 +28,7 @@ from analysis.calibration.fit import Calibration
 from analysis.calibration.inverse import Inverse, raise_without_inverse
 from analysis.calibration.record import CalibrationRecord
 from analysis.calibration.type_b import Traceability, TypeBContribution, not_assessed, traceability
+from analysis.calibration_export.verdict import verdict_of
 from analysis.certificates.laboratory import Laboratory
 from analysis.conformity import RULE
 from analysis.figures.acceptance import LimitStatement, judge
@@ -58,6 +59,7 @@ METHOD = (
     "elongation is read from a reference scale and each sensor's signal is averaged after settling. The calibration "
     "function is fitted to the means of the positions, loading and unloading jointly (analysis/METHODS.md of boat-daq)."
 )
+
 ADJUSTMENT = "No adjustment or repair was made: the results apply to the item as found and as left."
 _FIGURES = ("sensitivity_mv_per_mm", "fso_mv", "sensor_hysteresis_percent_fso", "repeatability_percent_fso", "snr_db")
 
@@ -314,6 +316,10 @@ def _item(
         _sensor(analysis, index, before[index].fit if index < len(before) else {}, limits)
         for index in range(len(analysis.sensors))
     ]
+    if check := verdict_of(analysis, limits).check_text:
+        raise DataError(
+            f"{recording.source or 'the run'} has {check}", "Correct it, leave it out, or confirm it with a reason."
+        )
     if all(sensor.void for sensor in sensors):
         cause = f"{recording.source or 'the run'} has no calibration to certify: {sensors[0].void}"
         if any(

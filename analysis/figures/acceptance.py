@@ -16,7 +16,7 @@ import numpy as np
 
 from analysis import published
 from analysis.conformity import Conformity, ConformityStatement, conformity_statement
-from analysis.figures.figure import SENSOR_FIGURES, Figure
+from analysis.figures.figure import SENSOR_FIGURES, Figure, sensor_text
 from analysis.json_object import json_object
 from analysis.numbers import percent
 from analysis.warning import Warning, WarningCode
@@ -85,6 +85,14 @@ class LimitStatement:
         probable = self.statement.probability
         how = f"conformity {percent(probable)} probable" if math.isfinite(probable) else "its uncertainty is not known"
         return f"{value}, limit {self.tolerance.limit:g}, {how}"
+
+    @property
+    def phrase(self) -> str:
+        """Figure, value and limit, e.g. `hysteresis, system of sensor 1 4.97 % FSO, limit 5 % FSO`."""
+        definition, figure = SENSOR_FIGURES.get(self.tolerance.key), self.figure
+        name = definition.phrase if definition is not None else self.name
+        unit = f" {figure.unit}" if figure.unit else ""
+        return f"{name} of {sensor_text(self.sensor)} {figure.value:.3g}{unit}, limit {self.tolerance.limit:g}{unit}"
 
     def as_json(self) -> dict[str, Any]:
         """Return an entry of `conformity`."""

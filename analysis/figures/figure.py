@@ -76,6 +76,12 @@ SYSTEM_FIGURES = _by_key(
 )
 
 
+def sensor_text(name: str) -> str:
+    """Return the name of a sensor inside a sentence: s1 is sensor 1."""
+    number = name.removeprefix("s")
+    return f"sensor {number}" if number.isdigit() else name
+
+
 WIDEST_LOOP_PERCENT = 100.0  # of full-scale output: no wider loop belongs to a signal that spans it
 
 

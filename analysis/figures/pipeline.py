@@ -21,7 +21,7 @@ from analysis.fidelity import fidelity
 from analysis.figures.across_breaks import compare_breaks, of_cycles, parts_of
 from analysis.figures.figure import Figure, LabFigure, Reason
 from analysis.figures.loop_figures import hysteresis, joint_hysteresis
-from analysis.figures.outliers import without_wrong_readings
+from analysis.figures.reading_check import CheckedReading, checked_readings, without_wrong_readings
 from analysis.figures.sensor_analysis import (
     AnalysedRun,
     Options,
@@ -63,7 +63,8 @@ class Analysis(AnalysedRun):
     """All figures of one run; `lab_figures` are those of the lab's plugins, computed elsewhere.
 
     `budgets` are of an elongation in the middle of the calibrated range; `u_elongation` of each sensor [points, 2] x
-    and U, mm; `parts` those that differ over a break, `sensors` the largest's.
+    and U, mm; `parts` those that differ over a break, `sensors` the largest's; `checked` the readings to be checked, or
+    confirmed.
     """
 
     system_sensitivity: Figure
@@ -76,6 +77,7 @@ class Analysis(AnalysedRun):
     parts: tuple[Part, ...]
     camera: CameraFigures | None = None
     lab_figures: tuple[LabFigure, ...] = ()
+    checked: tuple[CheckedReading, ...] = ()
 
     @property
     def kind(self) -> str:
@@ -112,10 +114,7 @@ class Analysis(AnalysedRun):
             "cycles": self.cycles.as_json(),
             "excursions_left_out": len(self.cycles.excursions),
             "plateaus": len(self.plateaus),
-            "sensors": [
-                {**sensor.as_json(), "u_elongation_mm": u.tolist() if u.size else None, "u_reason": why}
-                for sensor, u, why in zip(self.sensors, self.u_elongation, self.u_reason, strict=True)
-            ],
+            "sensors": [self._sensor_json(number) for number in range(len(self.sensors))],
             "system_sensitivity_mv_per_mm": self.system_sensitivity.value,
             "actuator_hysteresis_percent": {
                 "abscissa": "pressure_kpa",
@@ -132,6 +131,15 @@ class Analysis(AnalysedRun):
             **self._breaks_json(),
             **({"camera": self.camera.as_json()} if self.camera else {}),
         }
+
+    def _sensor_json(self, number: int) -> dict[str, Any]:
+        """Return the object of a sensor: U over elongation, and the readings of its calibration to be checked."""
+        found, u = self.sensors[number].as_json(), self.u_elongation[number]
+        if found["calibration"] is not None:
+            name = self.sensors[number].name
+            own = [one for one in self.checked if name in one.sensors and not one.confirmed]
+            found["calibration"] |= {"check": [one.as_json() for one in own]}
+        return found | {"u_elongation_mm": u.tolist() if u.size else None, "u_reason": self.u_reason[number]}
 
     def _breaks_json(self) -> dict[str, Any]:
         """Return the keys that a broken run has besides."""
@@ -173,6 +181,7 @@ def analyse(
         if all(one.name != SCALE for one in options.type_b):
             options = replace(options, type_b=(*options.type_b, scale_of(film)))
     run, parts, left_out = _segmented(recording, elongation, options, film)
+    checked = checked_readings(run)
     count = recording.n_sensors
     sensors = [analyse_sensor(run, number, progress=part_of(progress, number, 1, count)) for number in range(count)]
     analysed = AnalysedRun(**_values(run), sensors=tuple(sensors))
@@ -183,12 +192,13 @@ def analyse(
         system_sensitivity=_system_sensitivity(sensors),
         actuator_hysteresis=actuator,
         actuator_hysteresis_per_cycle=actuator_cycles,
-        warnings=(*(film.warnings if film else ()), *left_out, *run_warnings(run, sensors)),
+        warnings=(*(film.warnings if film else ()), *left_out, *run_warnings(run, sensors, checked)),
         budgets=middle_budgets(analysed),
         u_elongation=tuple(u for u, _ in over_x),
         u_reason=tuple(why for _, why in over_x),
         parts=tuple(_part(run, part) for part in parts) if len(parts) > 1 else (),
         camera=_camera(film, run, sensors) if film is not None else None,
+        checked=checked,
     )
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from analysis.calibration.adequacy import REFUSED_PERCENT, Adequacy, CurveVerdict
 from analysis.calibration.checks import calibration_warnings
 from analysis.figures.figure import Reason
+from analysis.figures.reading_check import CheckedReading, ReadingFault
 from analysis.numbers import percent, with_uncertainty
 from analysis.segmentation.cycles import TOLERANCE_KPA, Excursion, disagreements_with_marks, find_cycles
 from analysis.segmentation.influence import ChannelInfluence
@@ -32,9 +33,11 @@ BREAK_CODES = {
 }
 
 
-def run_warnings(run: SegmentedRun, sensors: Sequence[SensorAnalysis]) -> tuple[Warning, ...]:
+def run_warnings(
+    run: SegmentedRun, sensors: Sequence[SensorAnalysis], checked: Sequence[CheckedReading] = ()
+) -> tuple[Warning, ...]:
     """Return the warnings of a run, those of its sensors last."""
-    of_run = tuple(Warning(code, "", text) for code, text in _run_texts(run))
+    of_run = tuple(Warning(code, "", text) for code, text in (*_run_texts(run), *_reading_texts(checked)))
     return of_run + tuple(warning for sensor in sensors for warning in _sensor_warnings(sensor, run))
 
 
@@ -83,6 +86,16 @@ def _run_texts(run: SegmentedRun) -> Iterator[tuple[WarningCode, str]]:
         yield WarningCode.VOID, text
     for text in disagreements_with_marks(cycles, recording):
         yield WarningCode.MARKS_DISAGREE, text
+
+
+def _reading_texts(checked: Sequence[CheckedReading]) -> Iterator[tuple[WarningCode, str]]:
+    """Yield the readings to be checked, and those that were confirmed with the reason."""
+    for one in checked:
+        if one.confirmed:
+            yield WarningCode.READING_CONFIRMED, f"the reading {one.long_text}, is confirmed: {one.confirmed}"
+        else:
+            code = WarningCode.OUTLIER if one.fault is ReadingFault.OFF else WarningCode.HIGH_LEVERAGE
+            yield code, f"check the reading {one.long_text} ({', '.join(one.sensors)})"
 
 
 def _lost_plateaus_text(run: SegmentedRun) -> str:
@@ -192,9 +205,7 @@ def _calibration_warnings(sensor: SensorAnalysis, run: SegmentedRun) -> Iterator
         turns = ", ".join(f"{turn:.2f}" for turn in calibration.turns_inside)
         where = f"turns at {turns} mm" if turns else "is flat"
         yield Warning(WarningCode.NOT_MONOTONE, "", f"the curve {where}: it has no inverse")
-    plateaus = [run.plateaus[int(i)] for i in sensor.point_plateau]
-    readings = [f"the reading {x:+.2f} mm at {p.place}" for x, p in zip(calibration.x, plateaus, strict=True)]
-    yield from calibration_warnings(calibration, readings.__getitem__, ("mm", "mV"))
+    yield from calibration_warnings(calibration, ("mm", "mV"), points=False)
     if calibration.adequacy is not None:
         yield from _adequacy_warnings(calibration.adequacy)
     if posterior is None and run.options.mcmc and calibration.spline is None:

@@ -7,7 +7,8 @@ The reading that counts for a step is the last one entered.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from analysis.data.recording import Recording
 from analysis.segmentation.plateaus import Plateau
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError, FileError, RequestError
-from protocol.recording.elongation_file import read_elongation_rows
+from protocol.recording.elongation_file import read_elongation_rows, reason_of
 
 DEFAULT_RESOLUTION_MM = 0.5
 _NEAR_KPA = 3.0  # a reading belongs to a plateau no farther than this, or than a third of the smallest step
@@ -26,11 +27,17 @@ _NEAR_KPA = 3.0  # a reading belongs to a plateau no farther than this, or than 
 
 @dataclass(frozen=True, slots=True)
 class Elongations:
-    """Elongation at each plateau: [plateaus] mm, NaN where none was read; the grid's resolution; where from."""
+    """Elongation at each plateau: [plateaus] mm, NaN where none was read; the grid's resolution; where from.
+
+    `confirmed`: the reason of each reading that was checked and confirmed, by its plateau, counted from 0;
+    `of_recording`: they are stored in the recording.
+    """
 
     elongation_mm: FloatArray
     resolution_mm: float
     source: str
+    confirmed: Mapping[int, str] = field(default_factory=dict)
+    of_recording: bool = False
 
     @property
     def known(self) -> npt.NDArray[np.bool_]:
@@ -52,14 +59,15 @@ def elongations_of(
 def read_elongation_file(path: str | Path) -> pd.DataFrame:
     """Read a CSV of elongations, as `protocol.recording.elongation_file` describes it.
 
-    Returns `pressure_kpa`, `elongation_mm`, and `cycle` and `branch` if the file has them; raises FileError with the
-    line.
+    Returns `pressure_kpa`, `elongation_mm`, `confirmed`, and `cycle` and `branch` if the file has them; raises
+    FileError with the line.
     """
     try:
         rows = read_elongation_rows(Path(path))
     except RequestError as error:
         raise FileError(error.cause, error.remedy) from error
     frame = pd.DataFrame({name: [getattr(row, name) for row in rows] for name in ("pressure_kpa", "elongation_mm")})
+    frame["confirmed"] = [row.confirmed for row in rows]
     if rows[0].cycle is not None:
         frame["cycle"] = [row.cycle for row in rows]
         frame["branch"] = [row.branch for row in rows]
@@ -76,13 +84,18 @@ def _from_session(recording: Recording, plateaus: tuple[Plateau, ...]) -> Elonga
     elongation = dict(zip(current["step"].tolist(), read.tolist(), strict=True))
     taken: set[int] = set()
     values = np.full(len(plateaus), np.nan)
+    reasons = {step: reason_of(note) for step, note in zip(current["step"], current["note"], strict=True)}
+    confirmed: dict[int, str] = {}
     for i, plateau in enumerate(plateaus):
         if plateau.step is not None and plateau.step in elongation and plateau.step not in taken:
             values[i] = elongation[plateau.step]
             taken.add(plateau.step)
+            if reasons[plateau.step]:
+                confirmed[i] = reasons[plateau.step]
     resolution = pd.to_numeric(current["resolution_mm"], errors="coerce").dropna()
     sources = ", ".join(sorted(set(map(str, current["source"]))))
-    return Elongations(values, float(resolution.median()) if len(resolution) else DEFAULT_RESOLUTION_MM, sources)
+    stated = float(resolution.median()) if len(resolution) else DEFAULT_RESOLUTION_MM
+    return Elongations(values, stated, sources, confirmed, of_recording=True)
 
 
 def _from_file(frame: pd.DataFrame, plateaus: tuple[Plateau, ...], reached: set[int], name: str) -> Elongations:
@@ -90,10 +103,10 @@ def _from_file(frame: pd.DataFrame, plateaus: tuple[Plateau, ...], reached: set[
         raise DataError("the run has no plateaus, so the elongations have no plateau", "Record a staircase.")
     near = _near(plateaus)
     if {"cycle", "branch"} <= set(frame.columns):
-        values = _by_branch(frame, plateaus, near, name)
+        values, confirmed = _by_branch(frame, plateaus, near, name)
     else:
-        values = _by_order(frame, plateaus, reached, near=near, name=name)
-    return Elongations(values, DEFAULT_RESOLUTION_MM, name)
+        values, confirmed = _by_order(frame, plateaus, reached, near=near, name=name)
+    return Elongations(values, DEFAULT_RESOLUTION_MM, name, confirmed)
 
 
 def _near(plateaus: tuple[Plateau, ...]) -> float:
@@ -105,7 +118,7 @@ def _near(plateaus: tuple[Plateau, ...]) -> float:
 
 def _by_order(
     frame: pd.DataFrame, plateaus: tuple[Plateau, ...], reached: set[int], *, near: float, name: str
-) -> FloatArray:
+) -> tuple[FloatArray, dict[int, str]]:
     """Return rows in plateau order: of all, those in cycles, the sequencer's steps, or those at a pressure read.
 
     Equal neighbours in the file are one hold.
@@ -128,7 +141,7 @@ def _by_order(
                 continue
             values = np.full(len(plateaus), np.nan)
             values[chosen] = rows["elongation_mm"].to_numpy()
-            return values
+            return values, {i: reason for i, reason in zip(chosen, rows["confirmed"], strict=True) if reason}
     if not misfit:
         misfit = f"{len(frame)} rows where the run has {len(plateaus)} plateaus, {len(in_cycles)} of them in its cycles"
     raise DataError(f"{name} does not fit the plateaus: {misfit}", "One row a plateau, in the order of the run.")
@@ -137,7 +150,8 @@ def _by_order(
 def _merged(frame: pd.DataFrame) -> pd.DataFrame:
     """Rows that follow each other at one pressure are one hold, their elongations averaged."""
     run = (frame["pressure_kpa"].diff().abs() > 1e-9).cumsum()
-    return frame.groupby(run, as_index=False)[["pressure_kpa", "elongation_mm"]].mean()
+    each = frame.groupby(run, as_index=False)
+    return each[["pressure_kpa", "elongation_mm"]].mean().assign(confirmed=each["confirmed"].first()["confirmed"])
 
 
 def _first_misfit(rows: pd.DataFrame, plateaus: list[Plateau], near: float) -> str:
@@ -148,10 +162,12 @@ def _first_misfit(rows: pd.DataFrame, plateaus: list[Plateau], near: float) -> s
     return ""
 
 
-def _by_branch(frame: pd.DataFrame, plateaus: tuple[Plateau, ...], near: float, name: str) -> FloatArray:
-    values = np.full(len(plateaus), np.nan)
-    columns = [frame[c].tolist() for c in ("cycle", "branch", "pressure_kpa", "elongation_mm")]
-    for at, (cycle, branch, pressure, elongation) in enumerate(zip(*columns, strict=True), 1):
+def _by_branch(
+    frame: pd.DataFrame, plateaus: tuple[Plateau, ...], near: float, name: str
+) -> tuple[FloatArray, dict[int, str]]:
+    values, confirmed = np.full(len(plateaus), np.nan), {}
+    columns = [frame[c].tolist() for c in ("cycle", "branch", "pressure_kpa", "elongation_mm", "confirmed")]
+    for at, (cycle, branch, pressure, elongation, reason) in enumerate(zip(*columns, strict=True), 1):
         close = [i for i, p in enumerate(plateaus) if abs(p.pressure_kpa - pressure) <= near]
         own = [i for i in close if plateaus[i].cycle == cycle]
         hits = [i for i in own if plateaus[i].branch == branch] or [i for i in own if plateaus[i].branch == "start"]
@@ -163,7 +179,9 @@ def _by_branch(frame: pd.DataFrame, plateaus: tuple[Plateau, ...], near: float, 
                 "Check cycle, branch (unloading or loading) and pressure.",
             )
         values[hits[0]] = elongation
-    return values
+        if reason:
+            confirmed[hits[0]] = reason
+    return values, confirmed
 
 
 def _is_extreme(i: int, plateaus: tuple[Plateau, ...]) -> bool:

@@ -69,6 +69,7 @@ def analyze(
     """
     from analysis import Options, PlateauSettings, analyse, load_recording
     from analysis.calibration.curve_choice import degree_of
+    from analysis.calibration_export.verdict import verdict_of
     from analysis.figures.acceptance import conformity_json
     from boat_daq.commands.importing import column_map
     from boat_daq.workflows.calibration_in_force import stated_contributions
@@ -101,12 +102,16 @@ def analyze(
     if not no_store:
         _store(run, analysis, elongation)
     analysis = with_plugins(analysis, str(run))
+    verdict = verdict_of(analysis, limits)
     shadow = None if no_shadow else _shadow(analysis)
     if as_json:
         budgets = None if analysis.budgets is None else analysis.budgets.as_json()
-        added = {"shadow": shadow, "conformity": conformity, "elongation_budget": budgets}
+        added = {"shadow": shadow, "conformity": conformity, "elongation_budget": budgets, "verdict": verdict.as_json()}
         emit_json(analysis.to_json() | added)
         return
+    show(verdict.sentence)
+    if verdict.readings:
+        notify(verdict.check_text)
     _show(analysis, limits)
     if shadow is not None:
         _show_shadow(shadow)

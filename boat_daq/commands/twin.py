@@ -29,6 +29,9 @@ def accept(
     run: RecordingArgument,
     elongation: Annotated[Path | None, typer.Option(help="CSV of elongation readings, one row a plateau.")] = None,
     anyway: Annotated[bool, typer.Option("--anyway", help="Accept figures out of tolerance.")] = False,
+    confirm: Annotated[
+        str, typer.Option(metavar="REASON", help="Keep the readings to be checked, for a reason that is printed.")
+    ] = "",
     as_json: JsonOption = False,
 ) -> None:
     """Accept the calibration of a run: it comes into force for its unit, as in the window.
@@ -38,7 +41,14 @@ def accept(
     from boat_daq.workflows.acceptance import accept_run
 
     with progress_bar("calibrating"):
-        record = accept_run(run, UnitLibrary(), elongation=elongation, anyway=anyway, operator=load_settings().operator)
+        record = accept_run(
+            run,
+            UnitLibrary(),
+            elongation=elongation,
+            anyway=anyway,
+            operator=load_settings().operator,
+            confirm=confirm,
+        )
     present(
         {"unit": record.unit, "calibrated_utc": record.calibrated_utc, "simulated": record.simulated},
         f"unit {record.unit}: calibration of {run.name} in force since {record.calibrated_utc}",

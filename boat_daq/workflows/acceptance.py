@@ -1,7 +1,8 @@
 """Put the calibration of a run into force for its unit: what prevents it, what is out of tolerance, what is stored.
 
 Rules: an accepted calibration is a new entry of the unit's history, which is never changed; a withdrawal is a newer
-one. A curve that turns inside its range cannot be accepted.
+one. A curve that turns inside its range cannot be accepted, nor one with a reading to be checked: that is corrected,
+left out, or confirmed with a reason, which is kept as the note of a newer reading of the same value.
 """
 
 from __future__ import annotations
@@ -14,15 +15,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from analysis.calibration.record import CalibrationRecord, SensorRecord
 from analysis.warning import Warning
+from boat_daq.engine.recording.closed_run import ClosedRun
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
 from boat_daq.formatting import count, sensor_words
 from boat_daq.workflows.calibration_in_force import record_of
 from boat_daq.workflows.run_analysis import analysed_run, count_plateaus
 from protocol.base.errors import RequestError
+from protocol.recording.elongation_file import CONFIRMED
 
 if TYPE_CHECKING:
+    from analysis.calibration_export.verdict import Verdict
     from analysis.figures.pipeline import Analysis
 
+CHECK_FIRST = "correct it, leave it out, or confirm it with a reason"
 TWO_ELONGATIONS = "one signal would give two elongations"
 
 
@@ -80,6 +85,7 @@ class RunCalibration:
     stepped: bool = True  # whether the plateaus are steps of a plan, at which readings are typed
     recording_id: str = ""
     curve: str = ""  # the choice that was fitted
+    verdict: Verdict | None = None
 
     @property
     def calibrated(self) -> bool:
@@ -90,6 +96,7 @@ class RunCalibration:
 def run_calibration(found: Analysis, path: Path) -> RunCalibration:
     """Return the calibration of an analysed run."""
     from analysis.calibration_export.run_record import sensor_record
+    from analysis.calibration_export.verdict import verdict_of
     from analysis.figures.acceptance import out_of_tolerance
 
     sensors = []
@@ -110,6 +117,7 @@ def run_calibration(found: Analysis, path: Path) -> RunCalibration:
         stepped=bool(len(recording.steps)),
         recording_id=recording.identity,
         curve=str(found.options.degree),
+        verdict=verdict_of(found),
     )
 
 
@@ -140,9 +148,32 @@ def obstacle_to(run: RunCalibration | None) -> Obstacle | None:
     for sensor in run.sensors:
         if sensor.void:
             return Obstacle(lack_text(run, lack) if lack is not None else f"{sensor.label}: {sensor.void}")
+    if run.verdict is not None and run.verdict.readings:
+        return Obstacle(run.verdict.check_text, CHECK_FIRST)
+    for sensor in run.sensors:
         if not sensor.record.fit["monotone"]:
             return Obstacle(f"{sensor.label}: the curve turns inside its range", TWO_ELONGATIONS)
     return None if run.sensors else Obstacle("The run has no sensor")
+
+
+def confirm_readings(run: RunCalibration, reason: str, *, reader: str = "") -> int:
+    """Keep the readings to be checked as they are, with the reason; return how many. They are analysed again after."""
+    if not reason.strip():
+        raise RequestError("a reading is confirmed with a reason", "Say how it was checked, such as 'read again'.")
+    readings = run.verdict.readings if run.verdict is not None else ()
+    if any(one.step is None for one in readings):
+        remedy = "Write the reason beside the reading, in a column 'confirmed' of that file."
+        raise RequestError(f"the readings of {Path(run.path).name} are in a file", remedy)
+    stored = ClosedRun(Path(run.path))
+    latest = {reading.step_id: reading for reading in stored.readings()}
+    for one in readings:
+        assert one.step is not None
+        before = latest[one.step]
+        stored.add_reading(
+            one.step, before.elongation_mm, before.source, resolution_mm=before.resolution_mm, reader=reader,
+            note=f"{CONFIRMED}{reason.strip()}",
+        )  # fmt: skip
+    return len(readings)
 
 
 def missed_bounds(run: RunCalibration, posterior: Sequence[Mapping[str, Any]] = ()) -> tuple[str, ...]:
@@ -192,20 +223,31 @@ def withdraw(units: UnitLibrary, name: str, before: StoredCalibration | None) ->
 
 
 def accept_run(
-    path: Path, units: UnitLibrary, *, elongation: Path | None = None, anyway: bool = False, operator: str = ""
+    path: Path,
+    units: UnitLibrary,
+    *,
+    elongation: Path | None = None,
+    anyway: bool = False,
+    operator: str = "",
+    confirm: str = "",
 ) -> CalibrationRecord:
     """Analyse a run and put its calibration into force; one out of tolerance only with `anyway`.
 
-    `elongation`: file of readings, in place of those of the recording.
+    `elongation`: file of readings, in place of those of the recording; `confirm`: the reason with which the readings to
+    be checked are kept.
     """
     run = run_calibration(analysed_run(path, elongation=elongation), path)
+    if confirm and confirm_readings(run, confirm, reader=operator):
+        run = run_calibration(analysed_run(path), path)
     obstacle, missed = obstacle_to(run), missed_bounds(run)
     if obstacle is not None or not run.unit:
-        cause = obstacle.cause if obstacle is not None else "the recording names no unit"
+        cause = f"this calibration cannot be accepted: {obstacle.cause if obstacle else 'the recording names no unit'}"
+        if run.verdict is not None and run.verdict.readings:
+            raise RequestError(cause, CHECK_FIRST, command="boat-daq twin accept RUN --confirm REASON")
         remedy = "record a calibration run of a named unit"
         if obstacle is not None and lacking(run) is Lack.READINGS:
             remedy = "give its readings with --elongation FILE.csv, or type them in the window"
-        raise RequestError(f"this calibration cannot be accepted: {cause}", remedy)
+        raise RequestError(cause, remedy)
     if missed and not anyway:
         cause = f"this calibration is out of tolerance: {'. '.join(missed)}"
         raise RequestError(cause, "check its readings, or accept it as it is", command="add --anyway")

@@ -2,7 +2,8 @@
 
 One row a plateau with the columns `pressure_kpa,elongation_mm`, in the order of the run; or in any order with `cycle`
 and `branch` ("unloading", "loading", "start") as well. The separator is a comma, semicolon, tab or bar; decimals may be
-commas unless it is the comma. Lines that begin with # and other columns are ignored. Encoding: UTF-8, UTF-16 or
+commas unless it is the comma. A column `confirmed` holds the reason of a reading that was checked and confirmed. Lines
+that begin with # and other columns are ignored. Encoding: UTF-8, UTF-16 or
 Windows-1252. A row that is not two finite numbers is refused with its line: in a file by order a lost row would shift
 every later reading to another plateau.
 """
@@ -21,6 +22,7 @@ from protocol.base.regular_file import read_regular
 _MAX_BYTES = 4_000_000
 _SEPARATORS = ";\t|,"
 _BRANCHES = (None, "start", "unloading", "loading")
+CONFIRMED = "confirmed: "  # before the reason, in the note of a reading of a recording
 _HEADER = "the first line must be: pressure_kpa,elongation_mm"
 
 
@@ -33,6 +35,13 @@ class ElongationRow:
     elongation_mm: float
     cycle: int | None = None
     branch: str | None = None
+    confirmed: str = ""
+
+
+def reason_of(note: object) -> str:
+    """Return the reason in the note of a reading that was confirmed; empty for any other note."""
+    text = str(note or "")
+    return text.removeprefix(CONFIRMED).strip() if text.startswith(CONFIRMED) else ""
 
 
 def read_elongation_rows(path: Path) -> tuple[ElongationRow, ...]:
@@ -101,4 +110,4 @@ def _row(name: str, line: int, cells: dict[str, str]) -> ElongationRow:
         raise RequestError(f"{name}, line {line}: not a finite number", "correct or delete that line")
     if branch not in _BRANCHES:
         raise RequestError(f"{name}, line {line}: unknown branch {branch!r:.40}", "write unloading or loading")
-    return ElongationRow(line, pressure_kpa, elongation_mm, cycle, branch)
+    return ElongationRow(line, pressure_kpa, elongation_mm, cycle, branch, cells.get("confirmed", ""))

@@ -85,7 +85,8 @@ class ClosedRun:
         *,
         resolution_mm: float | None = None,
         reader: str = "",
+        note: str = "",
     ) -> None:
         """Add a reading to the file; raises as `append_reading`."""
-        append_reading(self.path, Reading(step_id, elongation_mm, resolution_mm, source, now_utc(), reader))
+        append_reading(self.path, Reading(step_id, elongation_mm, resolution_mm, source, now_utc(), reader, note))
         self.read()

@@ -30,7 +30,15 @@ from boat_daq.viewmodels.results.certificates import CertificateModel
 from boat_daq.viewmodels.results.contributions import ContributionsModel, traceability_text
 from boat_daq.viewmodels.results.metadata import MetadataModel
 from boat_daq.viewmodels.results.run_result import CurveBands, RunResult, SensorResult, analyse_run, sample_run
-from boat_daq.workflows.acceptance import Obstacle, accept, accepted_record, missed_bounds, obstacle_to, withdraw
+from boat_daq.workflows.acceptance import (
+    Obstacle,
+    accept,
+    accepted_record,
+    confirm_readings,
+    missed_bounds,
+    obstacle_to,
+    withdraw,
+)
 from boat_daq.workflows.calibration_in_force import newest_calibration
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from boat_daq.workflows.run_files import export_calibration
@@ -330,7 +338,9 @@ class CalibrationModel:
             return "warning" if missed else "ok", f"\u2713 Accepted{suffix}: stored with {use}"
         obstacle = self.obstacle()
         if obstacle is not None:
-            return "warning", f"\u25b2 Not a calibration: {obstacle.cause}"
+            found = self.result.verdict
+            to_check = found is not None and found.readings
+            return "warning", f"\u25b2 {obstacle.cause if to_check else f'Not a calibration: {obstacle.cause}'}"
         if missed:
             return "warning", "\u25b2 Out of tolerance: figures miss their bounds"
         fits = [(s.label, s.record.fit["r2"]) for s in self.result.sensors if not s.void]
@@ -394,6 +404,11 @@ class CalibrationModel:
         simulated = self.result is not None and self.result.simulated
         use = "virtual boards show elongation" if simulated else "the Live page shows elongation"
         notices.attempt(self.accept, done=f"Calibration accepted{suffix}; {use}")
+
+    def confirm_readings(self, reason: str) -> None:
+        """Keep the readings to be checked, with the reason, and analyse the run again."""
+        if self.result is not None and confirm_readings(self.result, reason):
+            self.follow_change()
 
     def accept(self) -> None:
         """Store the calibration with its unit; undo puts the one before into force again."""

@@ -1,0 +1,220 @@
+"""The verdict of a run: what its calibration may be used for, as one value for window, report, commands and files.
+
+A calibration is usable where its U is known, no reading is to be checked, and no limit is failed. U is the largest over
+the range, of one reading by all sensors together, as the live display gives it. The limits are those that the user set,
+else the published ones; without a calibration they alone give the verdict.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+
+from analysis.calibration_export.run_record import elongation_reader
+from analysis.conformity import Conformity
+from analysis.figures.acceptance import LimitStatement, against_published, judge, out_of_tolerance, worst_conformity
+from analysis.figures.figure import sensor_text
+from analysis.figures.pipeline import Analysis
+from analysis.figures.reading_check import CheckedReading
+from analysis.json_object import json_object
+from protocol.base.arrays import FloatArray
+from protocol.base.errors import BoatDaqError
+from protocol.base.uncertainty import COVERAGE_FACTOR
+
+_POINTS = 101
+
+
+class VerdictCode(StrEnum):
+    """What decides the verdict, the gravest first; `LIMITS`: no calibration was tried, the limits alone decide."""
+
+    NO_CURVE = "no_curve"
+    TURNS = "turns"
+    READINGS_TO_CHECK = "readings_to_check"
+    U_NOT_KNOWN = "u_not_known"
+    OUT_OF_TOLERANCE = "out_of_tolerance"
+    USABLE = "usable"
+    LIMITS = "limits"
+
+
+class VerdictState(StrEnum):
+    """How it is shown: green, amber, red, or without a colour."""
+
+    OK = "ok"
+    CHECK = "check"
+    FAIL = "fail"
+    NONE = "none"
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The verdict of a run.
+
+    Attributes
+    ----------
+    reason : why there is no curve, or why U is not known.
+    u_mm, range_mm : largest U (k = 2) over the range of elongation, NaN where it is not known.
+    readings : those to be checked; `confirmed` those that were, each with its reason.
+    limits : conformity with each limit and sensor; `limits_set` whether the user set them.
+    missed : figures out of tolerance, a sentence for each sensor that has one.
+    """
+
+    code: VerdictCode = VerdictCode.LIMITS
+    state: VerdictState = VerdictState.NONE
+    reason: str = ""
+    u_mm: float = math.nan
+    range_mm: tuple[float, float] = (math.nan, math.nan)
+    readings: tuple[CheckedReading, ...] = ()
+    confirmed: tuple[CheckedReading, ...] = ()
+    limits: tuple[LimitStatement, ...] = field(default=(), repr=False)
+    limits_set: bool = False
+    missed: tuple[str, ...] = ()
+
+    @property
+    def conformity(self) -> Conformity:
+        """The statement on all limits together."""
+        return worst_conformity(self.limits)
+
+    @property
+    def check_count(self) -> str:
+        """The number of readings to be checked, e.g. `1 reading to check`; empty without one."""
+        n = len(self.readings)
+        return f"{n} reading{'s' if n > 1 else ''} to check" if n else ""
+
+    @property
+    def check_text(self) -> str:
+        """The readings to be checked, e.g. `1 reading to check: +10.00 mm at +10 kPa, 9.2 mm from the others`."""
+        return f"{self.check_count}: {'; '.join(one.text for one in self.readings)}" if self.readings else ""
+
+    @property
+    def use(self) -> str:
+        """What the calibration gives, e.g. `U = 0.13 mm (k = 2) from -2.5 to 4.0 mm`, or why it gives nothing."""
+        if self.code is VerdictCode.LIMITS:
+            return ""
+        if self.code in (VerdictCode.NO_CURVE, VerdictCode.TURNS):
+            return f"Not a calibration: {self.reason}"
+        low, high = self.range_mm
+        where = f"from {low:.1f} to {high:.1f} mm"
+        if not math.isfinite(self.u_mm) and self.readings:
+            return "U is not known yet"
+        if not math.isfinite(self.u_mm):
+            return f"U is not known {where}: {self.reason}"
+        return f"U = {self.u_mm:.2g} mm (k = {COVERAGE_FACTOR:g}) {where}"
+
+    @property
+    def headline(self) -> str:
+        """What is known and what is to be done, e.g. `U = 0.13 mm (k = 2) from -2.5 to 4.0 mm; 1 reading to check`."""
+        missed = "out of tolerance" if self.missed and not self.readings else ""
+        parts = [part for part in (self.use, self.check_count, missed) if part]
+        return "; ".join(parts) if parts else self.limits_text
+
+    @property
+    def limits_text(self) -> str:
+        """The gravest statement on the limits, e.g. `hysteresis of sensor 1 4.97 % FSO, limit 5 % FSO: fail`."""
+        if not self.limits:
+            return "no figure to compare with a limit"
+        worst, kind = self.conformity, "limits" if self.limits_set else "published limits"
+        if worst is Conformity.PASS:
+            return f"all {len(self.limits)} {kind} are kept" if len(self.limits) > 1 else "the limit is kept"
+        found = [one for one in self.limits if one.conformity is worst]
+        least = min(found, key=lambda one: one.statement.probability if one.statement.probability >= 0 else 2.0)
+        more = f", and {len(found) - 1} more of {len(self.limits)} {kind}" if len(found) > 1 else ""
+        return f"{least.phrase}: {worst.label}{more}"
+
+    @property
+    def sentence(self) -> str:
+        """The headline, with the limits where it is not of them."""
+        return self.headline if self.headline == self.limits_text else f"{self.headline}. {_capital(self.limits_text)}"
+
+    def as_json(self) -> dict[str, Any]:
+        """Return `verdict` of `analyze --json`."""
+        found = json_object(self, "code", "state", "headline", "reason", "u_mm", "range_mm", "confirmed", "limits_set")
+        return found | {
+            "check": [one.as_json() for one in self.readings],
+            "conformity": str(self.conformity),
+            "out_of_tolerance": list(self.missed),
+        }
+
+
+def verdict_of(analysis: Analysis, limits: Mapping[str, float] | None = None) -> Verdict:
+    """Return the verdict of a run; `limits` as of `acceptance.judge`, those of the user."""
+    stated = limit_statements(analysis, limits)
+    if not any(sensor.calibration for sensor in analysis.sensors) and analysis.elongations is None:
+        return Verdict(VerdictCode.LIMITS, _state_of(stated), limits=stated, limits_set=bool(limits))
+    missed = tuple(
+        f"{sensor_text(sensor.name)}: {', '.join(one.text for one in found)}"
+        for sensor in analysis.sensors
+        if (found := out_of_tolerance(sensor, analysis.reading_sd_mm))
+    )
+    readings = tuple(one for one in analysis.checked if not one.confirmed)
+    u_mm, range_mm, unknown = _largest_u(analysis)
+    code, reason = _code_of(analysis, readings, unknown, missed=bool(missed))
+    failed = worst_conformity(stated) is Conformity.FAIL and bool(limits)
+    state = VerdictState.OK if code is VerdictCode.USABLE else VerdictState.CHECK
+    if failed or code in (VerdictCode.NO_CURVE, VerdictCode.TURNS):
+        state = VerdictState.FAIL
+    elif limits and state is VerdictState.OK:
+        state = _state_of(stated)
+    confirmed = tuple(one for one in analysis.checked if one.confirmed)
+    return Verdict(code, state, reason, u_mm, range_mm, readings, confirmed, stated, bool(limits), missed)
+
+
+def limit_statements(analysis: Analysis, limits: Mapping[str, float] | None = None) -> tuple[LimitStatement, ...]:
+    """State the conformity of a run with the limits that the user set, else with the published ones."""
+    if limits:
+        return tuple(judge(analysis.sensors, limits))
+    return tuple(one for sensor in analysis.sensors for one in against_published(sensor))
+
+
+def _state_of(stated: Sequence[LimitStatement]) -> VerdictState:
+    if not stated:
+        return VerdictState.NONE
+    states = {Conformity.PASS: VerdictState.OK, Conformity.FAIL: VerdictState.FAIL}
+    return states.get(worst_conformity(stated), VerdictState.CHECK)
+
+
+def _code_of(
+    analysis: Analysis, readings: Sequence[CheckedReading], unknown: str, *, missed: bool
+) -> tuple[VerdictCode, str]:
+    """Return what decides the verdict and the reason; a reading that is off may be why a curve turns."""
+    for sensor in analysis.sensors:
+        if sensor.calibration is None:
+            return VerdictCode.NO_CURVE, f"{sensor_text(sensor.name)}: {sensor.calibration_void}"
+    if readings:
+        return VerdictCode.READINGS_TO_CHECK, unknown
+    for sensor in analysis.sensors:
+        if sensor.calibration is not None and not sensor.calibration.monotone:
+            return VerdictCode.TURNS, f"the curve of {sensor_text(sensor.name)} turns inside its range"
+    if unknown:
+        return VerdictCode.U_NOT_KNOWN, unknown
+    return VerdictCode.OUT_OF_TOLERANCE if missed else VerdictCode.USABLE, ""
+
+
+def _largest_u(analysis: Analysis) -> tuple[float, tuple[float, float], str]:
+    """Return the largest U over the range of the sensors together, mm, the range, and why U is not known."""
+    fits = [sensor.calibration for sensor in analysis.sensors if sensor.calibration is not None]
+    nothing = (math.nan, math.nan)
+    if not fits:
+        return math.nan, nothing, ""
+    range_mm = max(fit.x_range[0] for fit in fits), min(fit.x_range[1] for fit in fits)
+    try:
+        fusion = elongation_reader(analysis)
+    except BoatDaqError as error:
+        return math.nan, range_mm, error.cause
+    if fusion.u_void:
+        return math.nan, range_mm, fusion.u_void
+    x = np.linspace(*range_mm, _POINTS)[1:-1]  # inside: the very ends round out of the range
+    signals: FloatArray = np.column_stack([fit.predict(x) for fit in fits])
+    u = np.asarray(fusion.evaluate(signals).standard_uncertainty_mm)
+    known = u[np.isfinite(u)]
+    if not known.size:
+        return math.nan, range_mm, next((why for why in analysis.u_reason if why), "the curve gives no elongation")
+    return COVERAGE_FACTOR * float(known.max()), range_mm, ""
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]

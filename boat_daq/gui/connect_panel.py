@@ -65,7 +65,7 @@ class ConnectPanel(QDialog):
             grid.addWidget(control, i, 1)
         grid.addWidget(widgets.button("Rescan", self.rescan), 0, 2)
         describe = partial(self.services.show, Panel.PROFILE)
-        tip = "Propose a profile from what the board prints (Ctrl+Shift+D)"
+        tip = "Propose a profile from what the board prints"
         own = (widgets.button("Open …", self._open_profile), widgets.button("Describe …", describe, tip=tip))
         grid.addLayout(widgets.column(*own, None), 2, 2)
         grid.setColumnStretch(1, 1)

@@ -60,7 +60,7 @@ class Header(QWidget):
         self.simulated = widgets.label("SIMULATED", "simulated", name="This board is simulated")
         self.link = widgets.button("", partial(services.show, Panel.CONNECT), name="Connection", tip=CHOOSE)
         self.figures = [widgets.label("", "muted") for _ in range(_FIGURES)]
-        self.unit = widgets.button("", partial(services.show, Page.RUNS), name="Unit and calibration")
+        self.unit = widgets.button("", partial(services.show, Page.RECORDINGS), name="Unit and calibration")
         show_outlets = partial(services.show, Panel.OUTLETS)
         self.outlets = widgets.button("", show_outlets, "outlets", name="Streams and remote control")
         self.outlets.hide()

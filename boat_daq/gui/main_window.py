@@ -1,4 +1,4 @@
-"""The main window: header, pages, status strip, and the two timers that pull.
+"""The main window: header, pages with their tabs, status strip, and the two timers that pull.
 
 Rules: nothing is pushed into Qt. A frame timer draws the visible page's moving parts as often as a change could be
 seen, and a calm timer shows figures and states a few times a second. Nothing is modal.
@@ -16,7 +16,7 @@ from typing import Any
 
 from PySide6.QtCore import QByteArray, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QGuiApplication, QResizeEvent
-from PySide6.QtWidgets import QApplication, QMainWindow, QStackedWidget, QTableView, QWidget
+from PySide6.QtWidgets import QApplication, QMainWindow, QStackedWidget, QTabBar, QTableView, QWidget
 
 from boat_daq.gui import style
 from boat_daq.gui.connect_panel import ConnectPanel
@@ -46,7 +46,7 @@ from boat_daq.gui.widgets.panel_guard import PanelGuard
 from boat_daq.viewmodels.app_model import AppModel
 from boat_daq.viewmodels.common.files import FileKind, kind_of
 from boat_daq.viewmodels.common.notices import Severity
-from boat_daq.viewmodels.common.services import Page, Panel
+from boat_daq.viewmodels.common.services import PLACES, TABS, Page, Panel, Place, Tab, page_of
 from boat_daq.viewmodels.live.recording_status import RecordingStatus
 from boat_daq.viewmodels.live.run_model import UNDER_WAY
 
@@ -54,7 +54,7 @@ _CALM_MS = 150
 FRAMES_MEAN = 0.1  # weight of the newest frame in their mean cost
 _LEAVE_S = 10.0  # two requests to close within it stop a run
 _FRAME = 48  # of the system around a window, at most
-MODEL_PAGES = (Page.OPTICS, Page.SHADOW, Page.TRADE_OFF)
+MODEL_PAGES = (Tab.OPTICS, Tab.SHADOW, Tab.ACCURACY)
 THEMES = {"system": None, "light": style.LIGHT, "dark": style.DARK}
 
 
@@ -66,12 +66,12 @@ class MainWindow(QMainWindow):
     def __init__(self, model: AppModel) -> None:
         super().__init__()
         self.model = model
-        self.pages: dict[Page, Any] = {}  # those that have been shown
+        self.pages: dict[Place, Any] = {}  # those that have been shown
         self.follow_theme()  # before there is a widget: each is styled once, where it is shown
         self._leave_until = 0.0
         self._used_s, self._frame_ms = thread_time(), 0.0  # processor time of this thread; of a frame, smoothed
         self.guard = PanelGuard(model.notices)
-        model.services.show, model.services.open = self.show_place, self.open_file
+        model.services.show, model.services.choose, model.services.open = self.show_place, self.choose, self.open_file
         self.setAcceptDrops(True)
         self.setMinimumSize(*style.WINDOW_MINIMUM)
         vents = Vents(self.vent, model.windows.vent_all, lambda: model.windows.others)
@@ -80,10 +80,15 @@ class MainWindow(QMainWindow):
         self.strip = Strip(model.notices, model.jobs)
         self.navigation = Navigation(tuple(Page), self.go, self.show_keys)
         self.stack = QStackedWidget()
-        self.scrolls = {name: PageScroll() for name in Page}
+        self.scrolls = {place: PageScroll() for place in PLACES}
+        self.chosen = {page: tabs[0] for page, tabs in TABS.items()}  # the tab of each page with tabs
+        self.tabs = QTabBar()
+        self.tabs.setDrawBase(False)
+        self.tabs.setAccessibleName("Tabs of the page")
+        self.tabs.tabBarClicked.connect(lambda at: self.go(TABS[self.page][at]) if at >= 0 else None)
         for scroll in self.scrolls.values():
             self.stack.addWidget(scroll)
-        self.live: LivePage = self.open_page(Page.LIVE)
+        self.live: LivePage = self.open_page(Page.MEASURE)
         self._lay_out()
         self.connect_panel = ConnectPanel(self, model.connection, model.services)
         ports, use = model.connection.ports, self.connect_panel.take_profile
@@ -95,7 +100,7 @@ class MainWindow(QMainWindow):
         self.units_panel: UnitsPanel | None = None  # made where it is first shown
         self.outlets_panel: OutletsPanel | None = None
         self.window_keys = WindowKeys(
-            self, self.vent, model.windows.vent_all, self.escape, lambda: self.page is Page.LIVE
+            self, self.vent, model.windows.vent_all, self.escape, lambda: self.page is Page.MEASURE
         )
         application().focusWindowChanged.connect(self.window_keys.watch)
         application().focusChanged.connect(self.window_keys.follow_focus)
@@ -104,8 +109,8 @@ class MainWindow(QMainWindow):
         model.offer_recovery()
         self._start_timers()
 
-    def open_page(self, name: Page) -> Any:
-        """Return a page; make it where it is shown for the first time."""
+    def open_page(self, name: Place) -> Any:
+        """Return a tab, or a page without tabs; make it where it is shown for the first time."""
         if name not in self.pages:
             page = self._make_page(name)
             self.pages[name] = page
@@ -118,26 +123,34 @@ class MainWindow(QMainWindow):
             self.page_made.emit()
         return self.pages[name]
 
-    def _make_page(self, name: Page) -> QWidget:
+    def _make_page(self, name: Place) -> QWidget:
         m, services = self.model, self.model.services
-        makers: dict[Page, Callable[[], QWidget]] = {
-            Page.LIVE: lambda: LivePage(m.run, m.overlay, m.layouts, m.shadow, m.camera, services),
-            Page.CALIBRATE: lambda: CalibrationPage(m.calibration, m.repeatability.show, services),
-            Page.REPEAT: lambda: RepeatPage(m.repeatability, m.choose_repeatability, services),
-            Page.RUNS: lambda: RunsPage(m.runs, m.run_actions, services),
-            Page.OPTICS: lambda: OpticsPage(m.optics, m.rays, m.confidence, services),
-            Page.SHADOW: lambda: ShadowPage(m.shadow, m.monitor, services),
-            Page.TRADE_OFF: lambda: TradeoffPage(m.tradeoff, m.atlas, m.precision, services),
-            Page.SETTINGS: lambda: SettingsPage(m.settings, m.unit, services),
+        makers: dict[Place, Callable[[], QWidget]] = {
+            Page.MEASURE: lambda: LivePage(m.run, m.overlay, m.layouts, m.shadow, m.camera, services),
+            Tab.CALIBRATION: lambda: CalibrationPage(m.calibration, services),
+            Tab.REPEATABILITY: lambda: RepeatPage(m.repeatability, m.choose_repeatability, services),
+            Page.RECORDINGS: lambda: RunsPage(m.runs, m.run_actions, services),
+            Tab.OPTICS: lambda: OpticsPage(m.optics, m.rays, m.confidence, services),
+            Tab.SHADOW: lambda: ShadowPage(m.shadow, m.monitor, services),
+            Tab.ACCURACY: lambda: TradeoffPage(m.tradeoff, m.atlas, m.precision, services),
+            Tab.VALUES: lambda: SettingsPage(m.settings, m.unit, services),
         }
         return makers[name]()
 
     def _lay_out(self) -> None:
-        middle = widgets.row(self.navigation, (self.stack, 1), spacing=0)
-        self.safe_mode = SafeModeBar(self.model.settings, partial(self.go, Page.SETTINGS))
+        content = widgets.column(self._tab_row(), (self.stack, 1), spacing=0)
+        middle = widgets.row(self.navigation, (content, 1), spacing=0)
+        self.safe_mode = SafeModeBar(self.model.settings, partial(self.go, Tab.VALUES))
         body = widgets.holder(widgets.column(self.header, self.safe_mode, (middle, 1), self.strip, spacing=0))
         body.setObjectName("body")
         self.setCentralWidget(body)
+
+    def _tab_row(self) -> QWidget:
+        line = widgets.row(self.tabs, None)
+        self.tab_row = widgets.holder(line)
+        line.setContentsMargins(style.PAGE_MARGIN, style.STEP, style.PAGE_MARGIN, 0)
+        self.tab_row.hide()
+        return self.tab_row
 
     def _start_timers(self) -> None:
         self.frame_timer, self.calm_timer = QTimer(self, timerType=Qt.TimerType.PreciseTimer), QTimer(self)
@@ -150,7 +163,7 @@ class MainWindow(QMainWindow):
 
     def draw(self) -> None:
         """Draw the moving parts of the visible page, and set the time of the next frame."""
-        live = self.page is Page.LIVE
+        live = self.page is Page.MEASURE
         if live and not self.isMinimized():
             self.live.draw()
         used_s, before_s = thread_time(), self._used_s
@@ -165,10 +178,10 @@ class MainWindow(QMainWindow):
         """Show the current state in header, visible page and strip."""
         snapshot = self.model.tick()
         self.guard.show(self.header, "The header", lambda: self.header.refresh(snapshot))
-        page = self.pages[self.page]
-        self.guard.show(page, str(self.page), lambda: page.refresh(snapshot))
-        due = snapshot.waiting_for_reading is not None and self.page is not Page.LIVE
-        self.navigation.mark(Page.LIVE, "a reading is due" if due else "")
+        page = self.pages[self.place]
+        self.guard.show(page, str(self.place), lambda: page.refresh(snapshot))
+        due = snapshot.waiting_for_reading is not None and self.page is not Page.MEASURE
+        self.navigation.mark(Page.MEASURE, "a reading is due" if due else "")
         self.guard.show(self.strip, "The messages", self.strip.refresh)
         self.safe_mode.refresh()
         self.guard.show(self.connect_panel, "The connection", lambda: self.connect_panel.refresh(snapshot))
@@ -183,32 +196,59 @@ class MainWindow(QMainWindow):
     # ---- navigation ----------------------------------------------------------------------------------------------
 
     @property
+    def place(self) -> Place:
+        """Return the tab that is shown, or the page without tabs."""
+        return PLACES[self.stack.currentIndex()]
+
+    @property
     def page(self) -> Page:
         """Return the page that is shown."""
-        return tuple(Page)[self.stack.currentIndex()]
+        return page_of(self.place)
 
-    def go(self, name: Page) -> None:
-        """Show a page."""
+    def choose(self, tab: Tab) -> None:
+        """Select a tab of its page; it is shown where the page is."""
+        self.chosen[page_of(tab)] = tab
+        if self.page is page_of(tab):
+            self.go(tab)
+
+    def go(self, name: Place) -> None:
+        """Show a page, or a tab of one."""
+        name = next((self.chosen[page] for page in TABS if page == name), name)
         page, focus = self.open_page(name), QApplication.focusWidget()
-        if focus is not None and self.stack.isAncestorOf(focus) and name is not self.page:
+        if focus is not None and self.stack.isAncestorOf(focus) and name != self.place:
             focus.clearFocus()  # else Qt gives it to the first control of the new page
         self.stack.setCurrentWidget(self.scrolls[name])
-        self.navigation.show_page(name)
+        self.navigation.show_page(self.page)
+        self._show_tabs()
         self.model.preferences.set("page", str(name))
         page.refresh(self.model.snapshot)
-        if name is Page.LIVE:
+        if self.page is Page.MEASURE:
             self.live.focus_reading()
 
-    def go_by_key(self, name: Page) -> None:
+    def _show_tabs(self) -> None:
+        """Show the tabs of the page, where it has some."""
+        place, tabs = self.place, TABS.get(self.page, ())
+        self.tab_row.setVisible(bool(tabs))
+        if [self.tabs.tabText(i) for i in range(self.tabs.count())] != list(tabs):
+            while self.tabs.count():
+                self.tabs.removeTab(0)
+            for tab in tabs:
+                self.tabs.addTab(tab)
+        for at, tab in enumerate(tabs):
+            if tab == place:
+                self.chosen[self.page] = tab
+                self.tabs.setCurrentIndex(at)
+
+    def go_by_key(self, name: Place) -> None:
         """Show a page and give the keyboard to its first control, where it names one."""
         self.go(name)
-        first = getattr(self.pages[name], "first", None)
+        first = getattr(self.pages[self.place], "first", None)
         if isinstance(first, QWidget) and first.isVisible():
             first.setFocus(Qt.FocusReason.ShortcutFocusReason)
 
-    def show_place(self, place: Page | Panel) -> None:
-        """Show the page or panel that a view model requests."""
-        if isinstance(place, Page):
+    def show_place(self, place: Place | Panel) -> None:
+        """Show the page, tab or panel that a view model requests."""
+        if not isinstance(place, Panel):
             self.go(place)
             return
         panels = {
@@ -233,7 +273,7 @@ class MainWindow(QMainWindow):
 
     def escape(self) -> None:
         """Close the marker's field where it is open, else vent; Qt closes menus, lists and dialogs by itself."""
-        if self.page is Page.LIVE and self.live.marker.isVisible():
+        if self.page is Page.MEASURE and self.live.marker.isVisible():
             self.live.close_marker()
         else:
             self.vent()
@@ -243,7 +283,7 @@ class MainWindow(QMainWindow):
         kind = kind_of(path)
         if kind is FileKind.RECORDING:
             self.model.calibration.analyse(path)
-            self.go(Page.CALIBRATE)
+            self.go(Tab.CALIBRATION)
         elif kind is FileKind.TABLE:
             self.import_panel.open_file(path)
         elif kind is FileKind.PLAN:
@@ -277,9 +317,9 @@ class MainWindow(QMainWindow):
 
     def ask_report(self) -> None:
         """Save the report of the run that is shown."""
-        path = self.model.analysed_path(self.page)
+        path = self.model.analysed_path(self.place)
         if path is not None:
-            make = partial(self.model.runs.report, [path], curve=self.model.analysed_curve(self.page))
+            make = partial(self.model.runs.report, [path], curve=self.model.analysed_curve(self.place))
             ask_save(self, self.model.services, f"{path.stem} report", "pdf html", make, done="")
 
     def copy_plot(self, card: PlotCard | ShadowPane) -> None:
@@ -354,7 +394,7 @@ class MainWindow(QMainWindow):
             self.resize(self.sizeHint())
         self.live.restore()
         kept = self.model.preferences.get("page", "")
-        self.go(next((page for page in Page if page == kept), Page.LIVE))
+        self.go(next((place for place in PLACES if place == kept), Page.MEASURE))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Narrow the navigation in a narrow window, and lower the strip in a low one."""

@@ -10,13 +10,13 @@ from PySide6.QtGui import QKeyEvent, QKeySequence, QShowEvent
 from PySide6.QtWidgets import QDialog, QGridLayout, QHeaderView, QScrollArea, QTreeWidget, QTreeWidgetItem, QWidget
 
 from boat_daq.gui import style
-from boat_daq.gui.registry import Command, Registry
+from boat_daq.gui.registry import PAGES, Command, Registry
 from boat_daq.gui.widgets import controls as widgets
 
 T = TypeVar("T")
-SHEET = (("Session", "Edit", "Go", "Help"), ("View", "Models"), ("Sequence", "Runs"))  # the menus in columns
+SHEET = (("Session", "Edit"), ("Run", "View", "Results"), (PAGES, "Help"))  # the menus in columns
 ARROWS = (Qt.Key.Key_Down, Qt.Key.Key_Up)
-NARROW_SHEET = (("Session", "Edit", "Sequence", "Go", "Help"), ("View", "Runs", "Models"))
+NARROW_SHEET = (("Session", "Edit", "View"), ("Run", "Results", PAGES, "Help"))
 
 
 class Palette(QDialog):
@@ -78,7 +78,7 @@ class Palette(QDialog):
 
 
 class ShortcutSheet(QDialog):
-    """Every command with its keys, by menu."""
+    """The commands that have keys, by menu; the palette finds the others."""
 
     def __init__(self, parent: QWidget, registry: Registry) -> None:
         super().__init__(parent)
@@ -90,7 +90,7 @@ class ShortcutSheet(QDialog):
         self._rows = widgets.row(*self._columns, spacing=8 * style.STEP)
         self._body.setLayout(self._rows)
         self._blocks = {
-            menu: widgets.holder(self._block(menu, [c for c in registry.actions if c.menu == menu]))
+            menu: widgets.holder(self._block(menu, [c for c in registry.actions if c.menu == menu and c.shortcut]))
             for menus in SHEET
             for menu in menus
         }

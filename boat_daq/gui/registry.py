@@ -30,7 +30,14 @@ _MOVING = (
     Qt.Key.Key_Tab, Qt.Key.Key_Backtab, Qt.Key.Key_Left, Qt.Key.Key_Right, Qt.Key.Key_Up, Qt.Key.Key_Down
 )  # fmt: skip
 POINTED = (QEvent.Type.MouseButtonPress, QEvent.Type.TouchBegin)
-MENUS = ("Session", "Edit", "View", "Sequence", "Runs", "Models", "Go", "Help")
+MENUS = ("Session", "Edit", "View", "Run", "Results", "Help")
+PAGES = "Pages"  # the commands that show one: they have keys, but no menu
+SELDOM = ""  # in place of a menu: the palette alone finds the command
+
+
+def always() -> bool:
+    """Return True: a command that can run at any time."""
+    return True
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +46,8 @@ class Command:
 
     Parameters
     ----------
-    menu : one of `MENUS`.
+    menu : one of `MENUS`, `PAGES`, or `SELDOM`.
+    shortcut : its keys; empty for none.
     apart : whether a separator precedes it in its menu.
     why : why it cannot run now; shown on hover, and as a notice when its key is pressed.
     also : other words by which the palette finds it.
@@ -49,7 +57,7 @@ class Command:
     text: str
     shortcut: str
     run: Callable[[], object]
-    available: Callable[[], bool] = lambda: True
+    available: Callable[[], bool] = always
     apart: bool = False
     why: Callable[[], str] = lambda: ""
     also: str = ""
@@ -71,16 +79,19 @@ class Registry:
             menu.setToolTipsVisible(True)
 
     def add(self, command: Command) -> None:
-        """Add a command to its menu."""
-        menu = self._menus[command.menu]
-        if command.apart:
-            menu.addSeparator()
+        """Add a command to its menu, with its keys."""
         keys = QKeySequence(command.shortcut)
-        action = QAction(f"{command.text}\t{keys.toString(QKeySequence.SequenceFormat.NativeText)}", self._window)
+        shown = keys.toString(QKeySequence.SequenceFormat.NativeText)
+        action = QAction("\t".join(filter(None, (command.text, shown))), self._window)
         action.triggered.connect(lambda *_: self.run(command))
-        menu.addAction(action)
-        shortcut = QShortcut(keys, self._window, context=Qt.ShortcutContext.ApplicationShortcut)
-        shortcut.activated.connect(lambda: self._pressed(command))
+        menu = self._menus.get(command.menu)
+        if menu is not None:
+            if command.apart:
+                menu.addSeparator()
+            menu.addAction(action)
+        if command.shortcut:
+            shortcut = QShortcut(keys, self._window, context=Qt.ShortcutContext.ApplicationShortcut)
+            shortcut.activated.connect(lambda: self._pressed(command))
         self.actions[command] = action
 
     def _pressed(self, command: Command) -> None:

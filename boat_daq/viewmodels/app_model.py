@@ -18,7 +18,7 @@ from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.viewmodels.common.notices import Notices, SessionMessages, Severity
 from boat_daq.viewmodels.common.open_windows import OpenWindows
 from boat_daq.viewmodels.common.preferences import Precision, Preferences, UnitChoice
-from boat_daq.viewmodels.common.services import Page, Panel, Services, UndoHistory
+from boat_daq.viewmodels.common.services import Page, Panel, Place, Services, Tab, UndoHistory
 from boat_daq.viewmodels.common.tolerance import TypedChoice
 from boat_daq.viewmodels.live.board_profile import BoardProfile
 from boat_daq.viewmodels.live.camera import CameraModel
@@ -45,8 +45,10 @@ from boat_daq.viewmodels.models.tradeoff import TradeoffModel
 from boat_daq.viewmodels.results.calibration import CalibrationModel
 from boat_daq.viewmodels.results.csv_import import CsvImport
 from boat_daq.viewmodels.results.repeatability import RepeatabilityModel
+from boat_daq.viewmodels.results.run_result import RunResult
 from boat_daq.viewmodels.results.runs import RunActions, RunsModel
 from boat_daq.viewmodels.settings_model import SettingsModel
+from boat_daq.workflows.acceptance import Lack, lacking
 from boat_daq.workflows.jobs import Job, JobRunner, prepare
 from boat_daq.workflows.live_conversion import compile_conversion, compile_rest
 from boat_daq.workflows.run_analysis import load_analysis
@@ -81,8 +83,10 @@ class AppModel:
         self.outlets = OutletsModel(session, self.preferences, self.unit, lambda: self.sequence.plans, recordings)
         self.runs = RunsModel(recordings, self.units, self.jobs, self.notices, self.undo, self._renamed)
         self.csv_import = CsvImport(recordings, self.jobs, self.preferences, self._imported)
-        self.calibration = CalibrationModel(session, self.units, self.jobs, self.services, self.runs.newest)
         self.repeatability = RepeatabilityModel(self.jobs)
+        self.calibration = CalibrationModel(
+            session, self.units, self.jobs, self.services, self.runs.newest, self._show_by_kind
+        )
         self.optics = OpticsModel(self.jobs, self.notices)
         self.tradeoff = TradeoffModel(self.jobs, folder, self.preferences)
         self.atlas = AtlasModel(self.jobs, folder)
@@ -101,7 +105,6 @@ class AppModel:
         self.settings = SettingsModel(session, self.units, folder, self.undo)
         self.run_actions = RunActions(
             calibrate=self.calibration.analyse,
-            repeat=self.repeatability.analyse,
             resume=self.run.resumption.resume,
             replay=self.connection.replay,
             unit=lambda: self.unit.name(self.snapshot),
@@ -181,15 +184,22 @@ class AppModel:
         recording = self.snapshot.recording.name if self.snapshot.recording is not None else ""
         return " \u2013 ".join(filter(None, ("boat-daq", simulated, recording)))
 
-    def analysed_path(self, page: Page) -> Path | None:
+    def analysed_path(self, place: Place) -> Path | None:
         """Return the recording that the result on a page is of."""
-        if page is Page.REPEAT and self.repeatability.result is not None:
+        if place is Tab.REPEATABILITY and self.repeatability.result is not None:
             return Path(self.repeatability.result.path)
         return self.calibration.last_path
 
-    def analysed_curve(self, page: Page) -> str:
+    def analysed_curve(self, place: Place) -> str:
         """Return the curve that was chosen for the result on a page; empty for none."""
-        return "" if page is Page.REPEAT else self.calibration.choice
+        return "" if place is Tab.REPEATABILITY else self.calibration.choice
+
+    def _show_by_kind(self, result: RunResult) -> None:
+        """Show a run's cycles beside its calibration, and first where it has no plateaus: it is a repeatability run."""
+        before = self.repeatability.result
+        self.repeatability.show(result)
+        if before is None or before.path != result.path:  # the same again leaves the tab
+            self.services.choose(Tab.REPEATABILITY if lacking(result) is Lack.PLATEAUS else Tab.CALIBRATION)
 
     def _renamed(self, old: Path, new: Path) -> None:
         """Follow a renamed recording on the pages that show it."""
@@ -199,7 +209,7 @@ class AppModel:
     def _imported(self, path: Path, noted: Sequence[str]) -> None:
         """List an imported recording, chosen, and offer to calibrate with it."""
         self.runs.select(path)
-        self.services.show(Page.RUNS)
+        self.services.show(Page.RECORDINGS)
         offer = ("Calibrate", partial(self.services.open, path))
         self.notices.add(Severity.INFORMATION, f"Imported as {path.name}", details="\n".join(noted), action=offer)
 

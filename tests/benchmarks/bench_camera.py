@@ -52,7 +52,7 @@ def test_camera_in_the_window(qtbot, filmed_board, capsys):
     model.shadow.prepare = lambda: None
     model.connection.connect(port)
     qtbot.waitUntil(model.live.has_data, timeout=30_000)
-    window.live.pane.setCurrentWidget(panel)
+    window.live.show_camera()
     qtbot.wait(length(3000, 100))
     without = share(qtbot)
     panel.source.setText(address)

@@ -181,7 +181,7 @@ def test_at_rest(qtbot, tmp_path, monkeypatch, capsys):
     window.close()
 
 
-@pytest.mark.parametrize("where", length(["minimised", "Runs", "Optics"], ["minimised"]))
+@pytest.mark.parametrize("where", length(["minimised", "Recordings", "Optics"], ["minimised"]))
 def test_at_rest_out_of_sight(qtbot, tmp_path, monkeypatch, capsys, where):
     """The same board while its plots are hidden."""
     window = window_on_a_board(qtbot, tmp_path, monkeypatch)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from PySide6.QtTest import QTest
 
-from boat_daq.viewmodels.common.services import Page
+from boat_daq.viewmodels.common.services import Page, Tab
 from tests.docs.pages import ROOT
 from tests.system.window_scenarios import Scenario
 
@@ -37,12 +37,12 @@ def main(folder: Path) -> None:
     scenario.choose_cycles(2)
     scenario.run_plan()
     scenario.calibrate(sampled=True)
-    scenario.click(window.navigation.buttons[Page.RUNS])
-    runs = window.pages[Page.RUNS]
+    scenario.click(window.navigation.buttons[Page.RECORDINGS])
+    runs = window.pages[Page.RECORDINGS]
     scenario.until(lambda: runs.list.rowCount() > 0, "the list of runs")
     runs.list.selectRow(0)
     scenario.keep("runs")
-    scenario.click(window.navigation.buttons[Page.LIVE])
+    scenario.click(window.navigation.buttons[Page.MEASURE])
     window.live.pane.setCurrentWidget(window.live.shadow)
     scenario.until(lambda: model.shadow.model is not None, "the shadow", 120)
     model.session.set_pressure(30.0, 10.0)
@@ -58,13 +58,13 @@ def main(folder: Path) -> None:
     model.outlets.serve(False)
     window.outlets_panel.hide()
     scenario.click(window.navigation.buttons[Page.SETTINGS])
-    settings = window.pages[Page.SETTINGS]
+    settings = window.pages[Tab.VALUES]
     settings.list.setCurrentRow(1)
     model.settings.enter(settings.subject, {"min_kpa": "-25", "note": "buckles below"})
     QTest.qWait(500)
     settings.path.clear()  # it is another on each computer
     scenario.keep("settings")
-    scenario.click(window.navigation.buttons[Page.OPTICS])
+    scenario.click(window.navigation.buttons[Page.MODELS])
     QTest.qWait(500)
     model.optics.set_rays(250)  # the paper's; more take minutes
     scenario.click("Sweep all designs")

@@ -113,7 +113,7 @@ def window(folder: Path, *, whole: bool) -> dict[str, Any]:
 
     from boat_daq.engine.snapshot import RunEnd, RunEnding, SessionState
     from boat_daq.gui.app import make_application
-    from boat_daq.viewmodels.common.services import Page
+    from boat_daq.viewmodels.common.services import PLACES, Page
     from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring, idle, window_on
 
     application = make_application()
@@ -128,11 +128,11 @@ def window(folder: Path, *, whole: bool) -> dict[str, Any]:
     states = {"idle": idle(), "connected": connected(), "aborted": aborted}
     for name, snapshot in states.items() if whole else [("aborted", aborted)]:
         session.shown = snapshot
-        for page in Page:
+        for page in PLACES:
             shown.go(page)
             listed = time.monotonic() + 20.0
             shown.refresh()
-            while page is Page.RUNS and shown.open_page(page).list.rowCount() < 2 and time.monotonic() < listed:
+            while page is Page.RECORDINGS and shown.open_page(page).list.rowCount() < 2 and time.monotonic() < listed:
                 application.processEvents()
                 shown.refresh()
             application.processEvents()
@@ -140,7 +140,7 @@ def window(folder: Path, *, whole: bool) -> dict[str, Any]:
             shown.commands.refresh()
             buttons = [b for b in shown.findChildren(QAbstractButton) if b.isVisible() and b.accessibleName() != ""]
             offered[f"{name}, {page.name}"] = {
-                "commands": {c.shortcut: [c.available(), bool(c.why())] for c in shown.commands.actions},
+                "commands": {i: [c.available(), bool(c.why())] for i, c in enumerate(shown.commands.actions)},
                 "buttons": [b.isEnabled() for b in buttons],
             }
     shown.close()

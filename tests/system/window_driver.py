@@ -110,7 +110,7 @@ def by_mouse(scenario) -> None:
     user.click(window.strip.act)
     scenario.until(lambda: model.calibration.result is not None, "the analysis", 90)
     scenario.note("analysed")
-    page = window.pages["Calibrate"]
+    page = window.pages["Calibration"]
     user.click(page.accept)
     scenario.until(lambda: model.live.inverse is not None, "the live elongation", 60)
     scenario.note("accepted")
@@ -132,7 +132,7 @@ def trial(scenario) -> None:
     user.click("Quick trial")
     scenario.until(lambda: model.calibration.result is not None, "the analysis", 120)
     scenario.note("analysed")
-    user.click(window.pages["Calibrate"].report)
+    user.click(window.pages["Calibration"].report)
     target = save_as(scenario, user, scenario.folder / "trial.pdf")
     scenario.until(lambda: target.exists() and model.jobs.get("report") is None, "the report", 120)
     scenario.note("PDF made")

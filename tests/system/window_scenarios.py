@@ -24,7 +24,7 @@ from PySide6.QtWidgets import QAbstractButton, QApplication, QMenu, QPushButton,
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.gui.app import make_application, make_window
 from boat_daq.gui.main_window import MainWindow
-from boat_daq.viewmodels.common.services import Page
+from boat_daq.viewmodels.common.services import Page, Tab
 from tests.system.window_driver import SPEED, RestartedBoard, by_mouse, trial
 
 
@@ -111,7 +111,7 @@ class Scenario:
         field.selectAll()
         self.keys(f"{cycles}", field)
         QTest.keyClick(field, Qt.Key.Key_Return)
-        self.window.live.pane.setCurrentWidget(self.window.live.table)
+        self.window.live.pane.setCurrentWidget(self.window.live.readings)
 
     def connect_to(self, port: str) -> None:
         """Type a port into the connect panel and connect."""
@@ -161,13 +161,13 @@ class Scenario:
     def calibrate(self, *, sampled: bool) -> None:
         """Analyse, sample where it is asked for, accept."""
         model = self.window.model
-        self.click(self.window.navigation.buttons[Page.CALIBRATE])
+        self.click(self.window.navigation.buttons[Page.RESULTS])
         self.click("Analyse the last run")
         self.until(
             lambda: model.calibration.result is not None or model.calibration.failure is not None, "the analysis", 90
         )
         self.note("analysed")
-        page = self.window.pages[Page.CALIBRATE]
+        page = self.window.pages[Tab.CALIBRATION]
         QTest.qWait(300)
         if sampled:
             self.click(page.sample)
@@ -182,8 +182,8 @@ class Scenario:
     def report(self) -> Path:
         """Make the PDF report through the Runs page."""
         model = self.window.model
-        self.click(self.window.navigation.buttons[Page.RUNS])
-        page = self.window.pages[Page.RUNS]
+        self.click(self.window.navigation.buttons[Page.RECORDINGS])
+        page = self.window.pages[Page.RECORDINGS]
         self.until(lambda: page.list.rowCount() > 0, "the list of runs")
         page.list.selectRow(0)
         self.until(page.buttons["report"].isEnabled, "the report's button")
@@ -203,7 +203,7 @@ def first_session(scenario: Scenario, sampled: str = "") -> None:
     scenario.choose_cycles(1)  # the nightly test by mouse runs two
     read = scenario.run_plan()
     scenario.calibrate(sampled=bool(sampled))
-    scenario.click(scenario.window.navigation.buttons[Page.LIVE])
+    scenario.click(scenario.window.navigation.buttons[Page.MEASURE])
     scenario.window.live.pane.setCurrentWidget(scenario.window.live.shadow)
     scenario.until(lambda: scenario.window.model.shadow.model is not None, "the shadow", 90)
     scenario.window.model.session.set_pressure(30.0, 10.0)
@@ -240,7 +240,7 @@ def recover(scenario: Scenario) -> None:
     scenario.click(strip.act)
     model = scenario.window.model
     scenario.until(lambda: model.jobs.get("recover") is None, "the recovery")
-    scenario.click(scenario.window.navigation.buttons[Page.RUNS])
+    scenario.click(scenario.window.navigation.buttons[Page.RECORDINGS])
     scenario.until(
         lambda: any(r.summary and r.summary.status == "recovered" for r in model.runs.runs), "the recovered run"
     )
@@ -248,8 +248,8 @@ def recover(scenario: Scenario) -> None:
     killed_run, status = model.runs.runs[0].path, [r.summary.status for r in model.runs.runs if r.summary]
     samples = model.runs.runs[0].summary.samples
     scenario.connect_virtual()
-    scenario.click(scenario.window.navigation.buttons[Page.RUNS])
-    page = scenario.window.pages[Page.RUNS]
+    scenario.click(scenario.window.navigation.buttons[Page.RECORDINGS])
+    page = scenario.window.pages[Page.RECORDINGS]
     page.list.selectRow(0)
     scenario.until(page.buttons["resume"].isVisible, "the offer to resume", 10)
     scenario.keep("6-resume")
@@ -358,11 +358,11 @@ def hundred_cycles(scenario: Scenario, speed: str = "100") -> None:
     board = RestartedBoard(scenario.folder, "pty", float(speed))
     window, model = scenario.window, scenario.window.model
     scenario.connect_to(board.port)
-    scenario.click(window.navigation.buttons[Page.REPEAT])
+    scenario.click(window.navigation.buttons[Page.RESULTS])
     scenario.click("Choose the plan")
     scenario.until(lambda: model.sequence.plan.name == "repeatability", "the plan")
     scenario.start_run()
-    scenario.click(window.navigation.buttons[Page.REPEAT])
+    scenario.click(window.navigation.buttons[Page.RESULTS])
     while_running = 0
     repeatability = model.repeatability
     while scenario.state() in (SessionState.RUNNING, SessionState.FINISHING):

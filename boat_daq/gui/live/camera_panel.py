@@ -130,7 +130,7 @@ class CameraPanel(QWidget):
         self.values = widgets.inside(values)  # as high with a warning as without: the picture does not move
         self.values.setFixedHeight(WARNING_LINES * QFontMetrics(style.small_font()).lineSpacing())
         parts = (asked, marks, self.help, self.print, self.values, self.line, (self.picture, 100))
-        self.setLayout(widgets.column(*parts, None, spacing=style.GAP, margins=(0, style.GAP, 0, 0)))
+        self.setLayout(widgets.column(*parts, None, spacing=style.GAP, margins=(0, 0, 0, 0)))
         self._show(model.view())
 
     def toggle(self) -> None:

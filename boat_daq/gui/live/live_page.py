@@ -1,4 +1,4 @@
-"""The live page: measured values, plots, the line of the run, the reading bar, and the pane beside them."""
+"""The page Measure: measured values, plots, the line of the run, the reading bar, and the pane beside them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from boat_daq.gui.live.layout_panel import LayoutPanel
 from boat_daq.gui.live.live_plots import LivePlots, OverlayPlots, SignalCurves
 from boat_daq.gui.live.photograph_panel import PhotographPanel
 from boat_daq.gui.live.plan_editor_panel import PlanEditorPanel
-from boat_daq.gui.live.readings_panel import ReadingBar, ReadingsTable
+from boat_daq.gui.live.readings_panel import BY_CAMERA, ReadingBar, ReadingsTab, ReadingsTable
 from boat_daq.gui.live.sequence_panel import PlanForm, SequencePanel
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
 from boat_daq.gui.style import Theme
@@ -52,7 +52,7 @@ _STEPS = {
     "practice.",
     "Run the plan": "Arm checks the limits, Start records and runs the cycles. At each plateau, type the elongation on "
     "the millimetre grid and press Enter.",
-    "Accept the calibration": "The Calibrate page fits the run and shows its bands and figures. Once accepted, the "
+    "Accept the calibration": "The page Results fits the run and shows its bands and figures. Once accepted, the "
     "elongation is shown live in millimetres.",
 }
 
@@ -141,7 +141,7 @@ class FirstSteps(QScrollArea):
     def __init__(self, run: RunModel, services: Services) -> None:
         super().__init__()
         self.recordings, attempt = services.recordings, services.notices.attempt
-        self.trial = widgets.button("Quick trial", partial(attempt, run.trial.start), "primary", tip=f"{TRIAL} (F3)")
+        self.trial = widgets.button("Quick trial", partial(attempt, run.trial.start), "primary", tip=TRIAL)
         self.board = widgets.button("Connect a board …", partial(services.show, Panel.CONNECT))
         self.virtual = widgets.button("Start the virtual board", partial(attempt, run.connection.start_virtual_board))
         self.plan = widgets.button("Show the plan", partial(services.show, Panel.PLAN))
@@ -179,7 +179,7 @@ class FirstSteps(QScrollArea):
 
 
 class LivePage(QWidget):
-    """The live page on a `RunModel`."""
+    """The page Measure on a `RunModel`."""
 
     def __init__(
         self,
@@ -249,7 +249,7 @@ class LivePage(QWidget):
         self.window_choice = widgets.choice("Time shown", windows, self.model.set_window)
         self.freeze = widgets.button("Freeze plot", self.model.toggle_freeze, tip="Recording continues (Space)")
         self.freeze.setCheckable(True)
-        tip = "Which plots are shown, and where (Ctrl+Shift+L)"
+        tip = "Which plots are shown, and where "
         self.arrange = widgets.button("Layout …", self.show_layout, tip=tip)
         for widget in (widgets.label("Show", "muted"), self.window_choice, self.freeze, self.arrange):
             self.plots.bar.insertWidget(self.plots.bar.count() - 1, widget)
@@ -267,7 +267,7 @@ class LivePage(QWidget):
 
     def ask_marker(self) -> None:
         """Show the field for the note of a marker."""
-        self.services.show(Page.LIVE)
+        self.services.show(Page.MEASURE)
         self.note.clear()
         self.marker.show()
         self.note.setFocus()
@@ -299,7 +299,7 @@ class LivePage(QWidget):
 
     def show_first_steps(self) -> None:
         """Show the first steps until a board is connected."""
-        self.services.show(Page.LIVE)
+        self.services.show(Page.MEASURE)
         self.middle.setCurrentWidget(self.first_steps)
 
     def _pane(self, shadow: ShadowLive, camera: CameraModel) -> QTabWidget:
@@ -308,8 +308,9 @@ class LivePage(QWidget):
         self.table.model.corrected.connect(self.focus_reading, Qt.ConnectionType.QueuedConnection)
         self.plan = PlanForm(self.run.sequence, self.run.end_at, self.services)
         self.camera = CameraPanel(camera, self.services)
-        pages = ((self.shadow, "Shadow"), (self.plan, "Plan"), (self.table, "Readings"), (self.camera, "Camera"))
-        tabs = widgets.tabs("Shadow, plan, readings, camera", *pages)
+        self.readings = ReadingsTab(self.table, self.camera, self.services)
+        pages = ((self.plan, "Plan"), (self.readings, "Readings"), (self.shadow, "Shadow"))
+        tabs = widgets.tabs("Plan, readings, shadow", *pages)
         tabs.setMinimumWidth(style.PANE_WIDTH_NARROW)
         return tabs
 
@@ -317,14 +318,14 @@ class LivePage(QWidget):
         """Store zoom and selected tab for the next start."""
         seconds, store = self.model.window_s, self.services.preferences.set
         store("window_s", seconds if math.isfinite(seconds) else -1.0)
-        store("pane", self.pane.currentIndex())
+        store("tab", self.pane.currentIndex())
 
     def restore(self) -> None:
         """Restore what was stored."""
         stored = self.services.preferences.get
         seconds = float(stored("window_s", 60.0))
         self.model.set_window(seconds if seconds > 0 else math.inf)
-        self.pane.setCurrentIndex(stored("pane", 0))
+        self.pane.setCurrentIndex(stored("tab", 0))
 
     def toggle_together(self) -> None:
         """Show all signals on one axis, or on one each."""
@@ -337,7 +338,7 @@ class LivePage(QWidget):
 
     def show_layout(self) -> None:
         """Show the panel for the layout of the plots."""
-        self.services.show(Page.LIVE)
+        self.services.show(Page.MEASURE)
         self.layout_panel.open_fresh()
 
     def _keep_heights(self) -> None:
@@ -346,7 +347,7 @@ class LivePage(QWidget):
 
     def show_plan(self) -> None:
         """Show the plan's form."""
-        self.services.show(Page.LIVE)
+        self.services.show(Page.MEASURE)
         self.pane.setCurrentWidget(self.plan)
         self.plan.choice.setFocus()
 
@@ -368,11 +369,16 @@ class LivePage(QWidget):
 
     def show_readings(self) -> ReadingsTable:
         """Show the table of readings, and return it."""
-        self.services.show(Page.LIVE)
-        self.pane.setCurrentWidget(self.table)
+        self.services.show(Page.MEASURE)
+        self.pane.setCurrentWidget(self.readings)
         self.table.refresh(self.run.snapshot)  # while hidden it is not refreshed
         self.table.view.setFocus()
         return self.table
+
+    def show_camera(self) -> None:
+        """Show the readings with the camera as their source."""
+        self.pane.setCurrentWidget(self.readings)
+        self.readings.choose(BY_CAMERA)
 
     def draw(self) -> None:
         """Draw one frame of the plots and of the shadow."""
@@ -403,8 +409,7 @@ class LivePage(QWidget):
         for tab, name in (
             (self.shadow, "The shadow"),
             (self.plan, "The plan"),
-            (self.table, "The readings"),
-            (self.camera, "The camera"),
+            (self.readings, "The readings"),
         ):
             if tab is self.pane.currentWidget():
                 self.guard.show(tab, name, partial(tab.refresh, snapshot))

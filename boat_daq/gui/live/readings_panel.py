@@ -1,4 +1,4 @@
-"""The reading bar with its field, and the table of all readings."""
+"""The reading bar with its field, and the tab of the readings: their source, and the table of all of them."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.engine.toml_values import read_text
 from boat_daq.formatting import duration
 from boat_daq.gui import style
+from boat_daq.gui.live.camera_panel import CameraPanel
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import dress
 from boat_daq.gui.widgets.file_dialogs import ask_open
@@ -24,6 +25,9 @@ from boat_daq.viewmodels.live.run_model import RunModel
 from protocol.base.errors import RequestError
 
 EDITABLE = 3
+BY_HAND, BY_PHOTOGRAPH, BY_CAMERA = "typed", "photograph", "camera"
+WAYS = (("Typed", BY_HAND), ("Photograph", BY_PHOTOGRAPH), ("Camera", BY_CAMERA))
+WAYS_TIP = "Where readings come from; each can be corrected in the table"
 Index = QModelIndex | QPersistentModelIndex
 
 
@@ -44,10 +48,10 @@ class ReadingBar(QFrame):
         self.field = widgets.field("Elongation in mm", on_enter=self.enter, width=3 * style.CONTROL_HEIGHT)
         self.field.setProperty("role", "reading")
         show = partial(services.show, Panel.PHOTOGRAPH)
-        self.photo = widgets.button("Photograph …", show, tip="Read it from a picture of the grid (Ctrl+P)")
+        self.photo = widgets.button("Photograph …", show, tip="Read it from a picture of the grid")
         self.simulated = widgets.button("Read the grid", run.read_grid, tip="The grid of the simulated unit (F2)")
         self.all = QCheckBox("All")
-        self.all.setToolTip("Read the grid at every plateau (Shift+F2)")
+        self.all.setToolTip("Read the grid at every plateau")
         self.all.setAccessibleName("Read the grid at every plateau")
         self.all.clicked.connect(run.toggle_read_all)
         self.skip = widgets.button("Skip", self.run.skip_reading, tip="Continue without a reading")
@@ -289,7 +293,7 @@ class ReadingsTable(QWidget):
         paste = widgets.button("Paste", self.paste, tip="A column from a spreadsheet, from the selected row on")
         buttons = widgets.row(paste, widgets.button("Import …", self.import_), None)
         parts = (self.empty, self.view, self.count, buttons)
-        self.setLayout(widgets.column(*parts, spacing=style.GAP, margins=(0, style.GAP, 0, 0)))
+        self.setLayout(widgets.column(*parts, spacing=style.GAP, margins=(0, 0, 0, 0)))
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the rows as they are now."""
@@ -310,3 +314,32 @@ class ReadingsTable(QWidget):
         """Import a column of readings from a file."""
         paste = self.view.paste
         ask_open(self, self.services, "Import readings", "csv txt tsv", lambda path: paste(read_text(path)))
+
+
+class ReadingsTab(QWidget):
+    """The readings with their source: typed, from a photograph, or by a camera."""
+
+    def __init__(self, table: ReadingsTable, camera: CameraPanel, services: Services) -> None:
+        super().__init__()
+        self.table, self.camera, self.services = table, camera, services
+        self.choice = widgets.choice("Source of the readings", WAYS, self.choose, tip=WAYS_TIP)
+        show = partial(services.show, Panel.PHOTOGRAPH)
+        self.photograph = widgets.button("Open a photograph \u2026", show, tip="Clicks on the grid give the reading")
+        head = widgets.row(widgets.label("Source", "muted"), self.choice, None)
+        parts = (head, self.photograph, (camera, 3), (table, 2))
+        self.setLayout(widgets.column(*parts, spacing=style.GAP, margins=(0, style.GAP, 0, 0)))
+        self.choose(services.preferences.get("reading_source", BY_HAND))
+
+    def choose(self, source: str) -> None:
+        """Show what a source needs."""
+        known = max(self.choice.findData(source), 0)
+        self.choice.setCurrentIndex(known)
+        self.photograph.setVisible(WAYS[known][1] == BY_PHOTOGRAPH)
+        self.camera.setVisible(WAYS[known][1] == BY_CAMERA)
+        self.services.preferences.set("reading_source", WAYS[known][1])
+
+    def refresh(self, snapshot: SessionSnapshot) -> None:
+        """Show table and camera as they are now."""
+        self.table.refresh(snapshot)
+        if self.camera.isVisible():
+            self.camera.refresh(snapshot)

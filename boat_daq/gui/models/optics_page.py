@@ -45,7 +45,7 @@ ON_GRID_MM = 1e-6
 LABEL_MARGIN = 0.1  # of the height, over the highest point
 RAYS_TIP = (
     "Any number of rays, or any error (of 250 rays, 95 %), as \u00b12 rays, which takes as many as it needs, in "
-    "the final evaluation of the search too. Automatic: by the precision in the Models menu"
+    "the final evaluation of the search too. Automatic: by the precision in Settings, Speed and accuracy"
 )
 RACE_TIP = (
     "Any confidence, as 95 %, with which \u201cOptimise\u201d then finds the best of all designs that it evaluated: "

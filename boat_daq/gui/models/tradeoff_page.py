@@ -101,7 +101,7 @@ class TradeoffPage(ReflowingPage):
 
     def _side(self) -> QWidget:
         levels = [(PRECISIONS[n], n) for n in LEVELS]
-        tip = "Precision of optics, shadow, uncertainty and live plots; also in the Models menu"
+        tip = "Precision of optics, shadow, uncertainty and live plots"
         self.level = widgets.choice("Precision of the program", levels, self.precision.choose, tip=tip)
         toggle = partial(self.services.notices.attempt, self.model.toggle)
         self.start = widgets.button(MEASURE, toggle, "primary", tip=MEASURE_TIP)

@@ -66,7 +66,7 @@ class PlotCard(QFrame):
         self.heading.explain(explanation)
         self.readout = widgets.label("", "small", elide=True)
         self._exports = partial(self.copy_wanted.emit, self), partial(self.save_wanted.emit, self)
-        tip = "Copy or save this plot; while this button has the focus, Ctrl+Shift+C, Ctrl+S and Ctrl+E too"
+        tip = "Copy or save this plot; while this button has the focus, Ctrl+S saves it too"
         self.menu_button = export_button(title, tip, *self._exports)
         self.bar = widgets.row(self.heading, None, self.readout, self.menu_button)
         self.empty_text = widgets.label("", "muted", wrap=True)

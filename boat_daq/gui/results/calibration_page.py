@@ -24,7 +24,7 @@ from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.gui.widgets.layouts import Divided, EmptyState, Leaves, Shares
-from boat_daq.viewmodels.common.services import Page, Panel, Services
+from boat_daq.viewmodels.common.services import Panel, Services, Tab
 from boat_daq.viewmodels.results.calibration import (
     ACCEPT,
     ANYWAY,
@@ -202,11 +202,10 @@ class CalibrationPage(QWidget):
     def __init__(
         self,
         model: CalibrationModel,
-        show_repeatability: Callable[[RunResult], None],
         services: Services,
     ) -> None:
         super().__init__()
-        self.model, self.show_repeatability, self.services = model, show_repeatability, services
+        self.model, self.services = model, services
         self._revision, self._step = -1, NextStep.NONE
         self.curves: list[CurveCard] = []
         self.curve_grid = QGridLayout()
@@ -222,7 +221,7 @@ class CalibrationPage(QWidget):
         empty = EmptyState(
             "No run has been analysed yet",
             "You will see each sensor's points and curve with its bands, the hysteresis loops and the figures with "
-            "their intervals. Run the calibration plan on the Live page, enter the readings, then analyse the run.",
+            "their intervals. Run the calibration plan on the page Measure, enter the readings, then analyse the run.",
             "Analyse the last run",
             partial(services.notices.attempt, model.analyse_current),
         )
@@ -320,9 +319,8 @@ class CalibrationPage(QWidget):
             self._edit_readings()
         elif self._step is NextStep.CHOOSE_READINGS:
             ask_open(self, self.services, "Choose the file of readings", "csv", self.model.take_readings)
-        elif self._step is NextStep.SHOW_REPEATABILITY and self.model.result is not None:
-            self.show_repeatability(self.model.result)
-            self.services.show(Page.REPEAT)
+        elif self._step is NextStep.SHOW_REPEATABILITY:
+            self.services.show(Tab.REPEATABILITY)
         else:
             self.services.show(Panel.PLAN)
 

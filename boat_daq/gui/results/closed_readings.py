@@ -12,7 +12,7 @@ from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.gui import style
 from boat_daq.gui.live.readings_panel import ReadingsTable
 from boat_daq.gui.widgets import controls as widgets
-from boat_daq.viewmodels.common.services import Page, Services
+from boat_daq.viewmodels.common.services import Services, Tab
 from boat_daq.viewmodels.live.readings import ReadingsModel
 
 _REFRESH_MS = 250
@@ -49,5 +49,5 @@ class ClosedReadings(QDialog):
 
     def _calibrate(self) -> None:
         if self.services.notices.attempt(lambda: self.analyse(self.path)):
-            self.services.show(Page.CALIBRATE)
+            self.services.show(Tab.CALIBRATION)
             self.close()

@@ -1,4 +1,4 @@
-"""The runs page: the recordings with thumbnails, their actions, and the units with their calibrations."""
+"""The page Recordings: the recordings with thumbnails, their actions, and the units with their calibrations."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from PySide6.QtCore import (
     QModelIndex,
     QObject,
     QPersistentModelIndex,
+    QPoint,
     QPointF,
     QRect,
     QSize,
     Qt,
 )
-from PySide6.QtGui import QFontMetrics, QPainter, QPen, QPolygonF, QResizeEvent, QTransform
+from PySide6.QtGui import QAction, QFontMetrics, QPainter, QPen, QPolygonF, QResizeEvent, QTransform
 from PySide6.QtWidgets import (
     QBoxLayout,
     QFrame,
@@ -45,7 +46,7 @@ from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save, open_folder
 from boat_daq.gui.widgets.layouts import EmptyState, Leaves, Shares
 from boat_daq.gui.widgets.text_dialog import TextDialog
 from boat_daq.viewmodels.common.files import TABLE_SUFFIXES
-from boat_daq.viewmodels.common.services import Page, Services
+from boat_daq.viewmodels.common.services import Page, Place, Services, Tab
 from boat_daq.viewmodels.results.run_entry import MOST_COMPARED, RUN_HEADINGS, RunEntry, obstacle, selection_text
 from boat_daq.viewmodels.results.runs import RunActions, RunsModel
 from protocol.base.arrays import FloatArray
@@ -58,8 +59,7 @@ LEAST_SPAN_MV = 0.1  # of a comparison, so that noise looks small
 RUN_ROLE = Qt.ItemDataRole.UserRole
 OPTIONAL = ("Readings", "Length", "Cycles")  # columns hidden in this order where the name of the file is cut
 USUAL_NAME = "20260101-000000_SA1.boat"  # what the program names a recording
-UNDER_LIST = ("rename", "note", "metadata", "resume", "recover")  # buttons beside the details of the run
-NO_UNITS = "Calibrations accepted on the Calibrate page are listed here with their unit."
+NO_UNITS = "Calibrations accepted on the page Results are listed here with their unit."
 HISTORY = "The sensitivity of the unit in use at each of its accepted calibrations."
 DIFFERENCE = "The curve of each run less the curve of the first one, over elongation."
 OVER_TIME_TIP = "Its calibrations over each other and over time, and when it is due again"
@@ -110,7 +110,7 @@ class RunsPage(QWidget):
         self.list.viewport().installEventFilter(self)
         self.first = self.list
         self.list.itemSelectionChanged.connect(self._enable)
-        self.list.itemDoubleClicked.connect(lambda _: self._run(actions.calibrate, Page.CALIBRATE))
+        self.list.itemDoubleClicked.connect(lambda _: self._run(actions.calibrate, Tab.CALIBRATION))
         self.units = DataTable("Units and their calibrations", UNIT_HEADINGS)
         self.history = PlotCard("Sensitivity history", HISTORY)
         plot = self.history.add("Sensitivity", "mV/mm", x_title="Calibration")
@@ -121,9 +121,8 @@ class RunsPage(QWidget):
         self._arrange_comparison(2)
         back = widgets.button("Back to the units", self.model.show_comparison)
         self.compare_card.bar.insertWidget(self.compare_card.bar.count() - 1, back)
-        text = "Runs are recorded and listed here with unit, date, length and cycles. Start one on the Live page."
-        empty = EmptyState("No recording yet", text, "Go to Live", partial(services.show, Page.LIVE))
-        self.stack = Leaves(empty, self._filled())
+        self.empty = EmptyState("", "", "Go to Measure", partial(services.show, Page.MEASURE))
+        self.stack = Leaves(self.empty, self._filled())
         widgets.page_layout(self).addWidget(self.stack)
 
     def _arrange_comparison(self, sensors: int) -> None:
@@ -140,7 +139,10 @@ class RunsPage(QWidget):
         card.paint_theme(card.theme)
 
     def _filled(self) -> QWidget:
+        self.actions_ = self._make_menu()
         self.buttons = self._run_buttons()
+        self.list.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
+        self.list.customContextMenuRequested.connect(self._show_menu)
         frame, side = self._recordings_card(), self._units_card()
         self.sides = Shares("units", self.services.preferences, (side, 1), (self.history, 1), beside=True)
         self.cards = (side, self.history, self.compare_card)
@@ -148,42 +150,59 @@ class RunsPage(QWidget):
         self.list.setMinimumHeight(style.STRIP_HEIGHT + LEAST_LINES * style.THUMBNAIL[1])
         return Shares("runs", self.services.preferences, (frame, 3), (self.below, 2))
 
-    def _run_buttons(self) -> dict[str, QPushButton]:
+    def _make_menu(self) -> dict[str, QAction]:
+        """Return what else can be done with the chosen recordings, in the menu of the list and of the button More."""
         run, other = self._run, self.other_pages
-        calibrate, tip = partial(run, other.calibrate, Page.CALIBRATE), "Continue it with its next complete cycle"
+        self.menu = QMenu("More", self)
+        self.menu.setToolTipsVisible(True)
+        entries: tuple[tuple[str, str, Callable[[], object]] | None, ...] = (
+            ("readings", "Correct its readings …", partial(run, self._edit)),
+            ("dynamics", "Dynamics of its control …", self._show_dynamics),
+            ("compare", "Compare", self._compare),
+            None,
+            ("resume", "Resume this run", partial(run, other.resume)),
+            ("recover", "Recover", self._recover),
+            None,
+            ("rename", "Rename …", self._rename),
+            ("note", "Note …", self._note),
+            ("metadata", "Metadata …", self._metadata),
+        )
+        actions: dict[str, QAction] = {}
+        for entry in entries:
+            if entry is None:
+                self.menu.addSeparator()
+            else:
+                key, text, act = entry
+                actions[key] = self.menu.addAction(text, act)
+        replay = QMenu("Replay", self.menu)
+        for speed in _SPEEDS:
+            replay.addAction(f"{speed} times real time", partial(self._replay, speed))
+        actions["replay"] = self.menu.insertMenu(actions["resume"], replay)
+        return actions
+
+    def _run_buttons(self) -> dict[str, QPushButton]:
+        open_ = partial(self._run, self.other_pages.calibrate, Tab.CALIBRATION)
         buttons = {
-            "open": widgets.button("Calibrate", calibrate, "primary", tip="Analyse it on the Calibrate page"),
-            "repeat": widgets.button("Repeatability", partial(run, other.repeat, Page.REPEAT)),
-            "dynamics": widgets.button(
-                "Dynamics …", self._show_dynamics, tip="Step response and Bode plot of its control"
-            ),
-            "readings": widgets.button("Readings …", partial(run, self._edit), tip="Correct or add its readings"),
-            "resume": widgets.button("Resume this run", partial(run, other.resume), tip=tip),
-            "replay": widgets.button("Replay", lambda: None, tip="Play it back like live data"),
-            "export": widgets.button("Export", lambda: None),
+            "open": widgets.button("Open", open_, "primary", tip="Analyse it, on the page Results"),
             "report": widgets.button("Report …", partial(self._ask_save, "pdf html", self.model.report)),
-            "compare": widgets.button("Compare", self._compare, tip="Two to four runs of one unit"),
-            "rename": widgets.button("Rename …", self._rename, tip="Rename the recording and its companion files"),
-            "note": widgets.button("Note …", self._note, tip="Add a note; the search finds it"),
-            "metadata": widgets.button("Metadata …", self._metadata, tip="Customer, item, ambient conditions"),
-            "recover": widgets.button(
-                "Recover", self._recover, tip="Close the file; save what is readable of a damaged one"
-            ),
+            "export": widgets.button("Export", lambda: None),
         }
-        for key, entries in (
-            ("replay", [(f"{speed} times real time", partial(self._replay, speed)) for speed in _SPEEDS]),
-            ("export", [(f"{k} …", partial(self._ask_save, v, self.model.export)) for k, v in EXPORTS.items()]),
-        ):
-            menu = QMenu(buttons[key])
-            for text, action in entries:
-                menu.addAction(text, action)
-            buttons[key].setMenu(menu)
+        export = QMenu(buttons["export"])
+        for kind, suffix in EXPORTS.items():
+            export.addAction(f"{kind} …", partial(self._ask_save, suffix, self.model.export))
+        buttons["export"].setMenu(export)
+        self.more = widgets.button("More", lambda: None, tip="Also with a right click on the list")
+        self.more.setMenu(self.menu)
         return buttons
+
+    def _show_menu(self, at: QPoint) -> None:
+        """Show what can be done with the recording under the mouse."""
+        if self.list.indexAt(at).isValid():
+            self.menu.popup(self.list.viewport().mapToGlobal(at))
 
     def _recordings_card(self) -> QFrame:
         self.heading = widgets.label("Recordings", "subtitle")
-        under = [self.buttons[key] for key in UNDER_LIST]
-        head = widgets.row(self.heading, None, *(b for b in self.buttons.values() if b not in under))
+        head = widgets.row(self.heading, None, *self.buttons.values(), self.more)
         self.search = widgets.field("Search the recordings", placeholder="Search: unit, date, note, file")
         self.search.textChanged.connect(self._list)
         place = partial(open_folder, self.model.folder, self.services)
@@ -196,8 +215,7 @@ class RunsPage(QWidget):
         ask = partial(ask_open, self, self.services, "Import a table", kinds, self.services.open)
         self.import_ = widgets.button("Import CSV …", ask, tip="A table of another program, as a recording")
         find = widgets.row((self.search, 1), (where, 1), self.folder, self.import_)
-        self.foot = widgets.row((self.details, 1), widgets.row(None, *under))
-        frame, _ = widgets.card(head, find, (self.list, 1), self.foot)
+        frame, _ = widgets.card(head, find, (self.list, 1), self.details)
         return frame
 
     def _units_card(self) -> QFrame:
@@ -215,8 +233,7 @@ class RunsPage(QWidget):
         narrow = self.width() < style.STACKED_BELOW
         self.heading.setVisible(not narrow)
         way = QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight
-        for parts in (self.sides, self.foot):
-            parts.setDirection(way)
+        self.sides.setDirection(way)
         for card in self.cards:
             card.setMinimumHeight(style.STACKED_HEIGHT if narrow else 0)
         self.list.setColumnWidth(0, style.THUMBNAIL[0] // (2 if narrow else 1))
@@ -243,12 +260,23 @@ class RunsPage(QWidget):
                 del needed[column]
 
     def offers(self, key: str) -> bool:
-        """Return whether a button can be pressed now."""
-        button = self.buttons[key]
-        return button.isEnabled() and not button.isHidden()
+        """Return whether an action can be done now."""
+        if key in self.actions_:
+            return self.actions_[key].isEnabled() and self.actions_[key].isVisible()
+        return self.buttons[key].isEnabled()
+
+    def why_not(self, key: str) -> str:
+        """Return why an action cannot be done now; empty where it can, or is not needed."""
+        if key in self.actions_:
+            return self.actions_[key].statusTip()
+        return self.buttons[key].accessibleDescription()
 
     def press(self, key: str, entry: int = 0) -> None:
-        """Press a button; where it has a menu, take one of its entries."""
+        """Do an action; where it has a menu, take one of its entries."""
+        if key in self.actions_:
+            action, menu = self.actions_[key], self.actions_[key].menu()
+            (menu.actions()[entry] if isinstance(menu, QMenu) else action).trigger()
+            return
         button, menu = self.buttons[key], self.buttons[key].menu()
         (menu.actions()[entry].trigger if menu is not None else button.click)()
 
@@ -260,14 +288,14 @@ class RunsPage(QWidget):
     def _paths(self) -> list[Path]:
         return [run.path for run in self.selected()]
 
-    def _run(self, action: Callable[[Path], object], page: Page | None = None) -> None:
+    def _run(self, action: Callable[[Path], object], page: Place | None = None) -> None:
         """Run an action with the chosen recording, then show the page of its result."""
         for path in self._paths()[:1]:
             if self.services.notices.attempt(partial(action, path)) and page is not None:
                 self.services.show(page)
 
     def _replay(self, speed: int) -> None:
-        self._run(lambda path: self.other_pages.replay(path, speed), Page.LIVE)
+        self._run(lambda path: self.other_pages.replay(path, speed), Page.MEASURE)
 
     def _edit(self, path: Path) -> None:
         panel = ClosedReadings(self.window(), path, self.other_pages.calibrate, self.services)
@@ -306,22 +334,17 @@ class RunsPage(QWidget):
 
     def _enable(self) -> None:
         chosen = self.selected()
-        for key in (
-            "open",
-            "repeat",
-            "replay",
-            "export",
-            "readings",
-            "report",
-            "compare",
-            "rename",
-            "note",
-            "metadata",
-        ):
+        for key in ("open", "report", "export"):
             widgets.allow(self.buttons[key], obstacle(key, chosen))
-        self.buttons["resume"].setVisible(len(chosen) == 1 and chosen[0].resumable)
-        self.buttons["dynamics"].setVisible(len(chosen) == 1 and chosen[0].under_control)
-        self.buttons["recover"].setVisible(any(run.recoverable for run in chosen))
+        for key in ("readings", "replay", "compare", "rename", "note", "metadata"):
+            why = obstacle(key, chosen)
+            self.actions_[key].setEnabled(not why)
+            self.actions_[key].setStatusTip(why)
+            self.actions_[key].setToolTip(widgets.as_words(why))
+        one = len(chosen) == 1
+        self.actions_["resume"].setVisible(one and chosen[0].resumable)
+        self.actions_["dynamics"].setVisible(one and chosen[0].under_control)
+        self.actions_["recover"].setVisible(any(run.recoverable for run in chosen))
         self.details.setText(selection_text(chosen))
         widgets.allow(self.over_time, "" if self.units.selectedIndexes() else "Choose a line of the units.")
 
@@ -340,6 +363,7 @@ class RunsPage(QWidget):
             return
         self._revision = runs.revision
         units = runs.unit_lines
+        self.empty.say(*runs.nothing(), "Go to Measure" if runs.listed else "")
         self.stack.setCurrentIndex(1 if runs.runs or units else 0)
         self._list()
         self._share_columns()

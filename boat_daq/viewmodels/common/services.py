@@ -14,18 +14,42 @@ from boat_daq.viewmodels.common.preferences import Preferences
 class Page(StrEnum):
     """A page, by its name in the navigation."""
 
-    LIVE = "Live"
-    CALIBRATE = "Calibrate"
-    REPEAT = "Repeat"
-    RUNS = "Runs"
-    OPTICS = "Optics"
-    SHADOW = "Shadow"
-    TRADE_OFF = "Trade-off"
+    MEASURE = "Measure"
+    RESULTS = "Results"
+    RECORDINGS = "Recordings"
+    MODELS = "Models"
     SETTINGS = "Settings"
 
 
+class Tab(StrEnum):
+    """A tab of a page, by its name."""
+
+    CALIBRATION = "Calibration"
+    REPEATABILITY = "Repeatability"
+    OPTICS = "Optics"
+    SHADOW = "Shadow"
+    VALUES = "Program and units"
+    ACCURACY = "Speed and accuracy"
+
+
+Place = Page | Tab
+TABS: dict[Page, tuple[Tab, ...]] = {
+    Page.RESULTS: (Tab.CALIBRATION, Tab.REPEATABILITY),
+    Page.MODELS: (Tab.OPTICS, Tab.SHADOW),
+    Page.SETTINGS: (Tab.VALUES, Tab.ACCURACY),
+}
+"""The tabs of the pages that have some."""
+PLACES: tuple[Place, ...] = tuple(place for page in Page for place in TABS.get(page, (page,)))
+"""Every tab, and the pages without tabs."""
+
+
+def page_of(place: Place) -> Page:
+    """Return the page that a tab is of; a page is its own."""
+    return next(page for page in Page if place == page or place in TABS.get(page, ()))
+
+
 class Panel(StrEnum):
-    """A part of the window that is not a page: a dialog, or a form of the live page."""
+    """A part of the window that is not a page: a dialog, or a form of the page Measure."""
 
     CONNECT = "connect"
     PLAN = "plan"
@@ -76,11 +100,15 @@ class UndoHistory:
 
 @dataclass(slots=True)
 class Services:
-    """Services of the window, which sets `show` and `open`."""
+    """Services of the window, which sets `show`, `choose` and `open`.
+
+    `choose` selects a tab of its page; the page itself is not shown.
+    """
 
     notices: Notices
     preferences: Preferences
     undo: UndoHistory
     recordings: Path
-    show: Callable[[Page | Panel], None] = lambda _: None  # there is no window yet
+    show: Callable[[Place | Panel], None] = lambda _: None  # there is no window yet
+    choose: Callable[[Tab], None] = lambda _: None
     open: Callable[[Path], None] = lambda _: None

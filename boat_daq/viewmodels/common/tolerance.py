@@ -14,7 +14,7 @@ from protocol.base.errors import BoatDaqError, RequestError
 
 T = TypeVar("T")
 AUTOMATIC = "Automatic"
-"""Text of no tolerance: by the precision in the Models menu."""
+"""Text of no tolerance: by the precision in Settings."""
 SIGNS = ("\u00b1", "+-")
 
 

@@ -21,7 +21,7 @@ from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.formatting import count
 from boat_daq.viewmodels.common.notices import Notice, Severity
 from boat_daq.viewmodels.common.run_queue import RunQueue
-from boat_daq.viewmodels.common.services import Page, Services
+from boat_daq.viewmodels.common.services import Page, Services, Tab
 from boat_daq.viewmodels.live.connection import ENDED, ConnectionModel
 from boat_daq.viewmodels.live.end_at import EndAt, EndReport, uncertainty_text
 from boat_daq.viewmodels.live.live_model import LiveModel
@@ -55,7 +55,7 @@ class CalibrationOffer:
 
     def take(self) -> None:
         """Analyse the run that has ended, on its page."""
-        self._services.show(Page.CALIBRATE)
+        self._services.show(Tab.CALIBRATION)
         self._analyse()
 
     def follow(self, snapshot: SessionSnapshot, *, analysing: bool) -> None:
@@ -145,7 +145,7 @@ class ResumeRun:
         self._sequence.take(plan)
         self._sequence.arm(resume=True)
         self.first_cycle, self._armed = first_cycle, True
-        self._services.show(Page.LIVE)
+        self._services.show(Page.MEASURE)
 
 
 class QuickTrial:
@@ -234,7 +234,7 @@ class RunModel:
             self.session.stop_recording()
         self.sequence.press(button)
         if button == "start":
-            self.services.show(Page.LIVE)  # which asks for the readings
+            self.services.show(Page.MEASURE)  # which asks for the readings
 
     def begin(self, plan: Plan) -> None:
         """Arm and start a plan that waits for each reading, in a recording of its own."""

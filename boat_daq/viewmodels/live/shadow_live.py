@@ -41,7 +41,7 @@ _LENGTH_MM, RADIUS_MM = 75.0, 25.0
 PRESSURES_KPA = (-45.0, 55.0)
 TRACE_S, _TRACE_POINTS = 60.0, 1200
 SEEN_KPA, SEEN_MM = 0.1, 0.02  # visible steps of pressure and elongation
-CANCELLED = "not prepared: cancelled. Open the Shadow page again to prepare it."
+CANCELLED = "not prepared: cancelled. Open Models, Shadow again to prepare it."
 
 
 @dataclass(frozen=True, slots=True)

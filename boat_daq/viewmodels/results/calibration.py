@@ -66,6 +66,7 @@ class CalibrationModel:
     Parameters
     ----------
     newest : returns the newest recording of simulated boards (True), real boards (False) or both (None).
+    analysed : takes each new result.
     """
 
     def __init__(
@@ -75,9 +76,10 @@ class CalibrationModel:
         jobs: JobRunner,
         services: Services,
         newest: Callable[[bool | None], Path | None] = lambda simulated: None,
+        analysed: Callable[[RunResult], None] = lambda result: None,
     ) -> None:
         self.session, self.units, self.jobs = session, units, jobs
-        self._services, self._newest = services, newest
+        self._services, self._newest, self._taken = services, newest, analysed
         self.fidelity: Fidelity = fidelity()  # of the next analyses and samples
         self.result: RunResult | None = None
         self.before: CalibrationRecord | None = None  # the unit's calibration in force when the run was analysed
@@ -111,7 +113,7 @@ class CalibrationModel:
         simulated = snapshot.simulated if snapshot.link is LinkState.UP else None
         path = path or self._newest(simulated)
         if path is None:
-            raise RequestError("there is no recording yet", "Run a plan, or open a recording on the Runs page.")
+            raise RequestError("there is no recording yet", "Run a plan, or open a recording on the page Recordings.")
         self.analyse(path)
 
     def analyse(self, path: Path) -> None:
@@ -225,6 +227,8 @@ class CalibrationModel:
         self.before = None if result is None else newest_calibration(self._units_of(result), result.unit)
         if result is not None and self.before is not None:
             self.agreements = tuple(map(_agreement, result.sensors, self.before.sensors))
+        if result is not None:
+            self._taken(result)
 
     def _units_of(self, result: RunResult) -> UnitLibrary:
         """Return the library that a run's calibration belongs to: that of simulated boards or of real ones."""
@@ -402,7 +406,7 @@ class CalibrationModel:
             return
         suffix = " out of tolerance" if missed else ""
         simulated = self.result is not None and self.result.simulated
-        use = "virtual boards show elongation" if simulated else "the Live page shows elongation"
+        use = "virtual boards show elongation" if simulated else "the page Measure shows elongation"
         notices.attempt(self.accept, done=f"Calibration accepted{suffix}; {use}")
 
     def confirm_readings(self, reason: str) -> None:

@@ -25,7 +25,7 @@ class NextStep(Enum):
 
     NONE = ""
     SHOW_PLAN = "Show the plan"
-    SHOW_REPEATABILITY = "Show it on Repeat"
+    SHOW_REPEATABILITY = "Show its cycles"
     ENTER_READINGS = "Enter readings \u2026"
     CHOOSE_READINGS = "Choose the file of readings \u2026"
 
@@ -67,7 +67,7 @@ def missing(result: RunResult) -> NoCurve | None:
         return NoCurve(
             title,
             "Its pressure is never constant, so that no elongation can be read in it. Its loops and the figures over "
-            "pressure are shown here; the changes from cycle to cycle are on the Repeat page.",
+            "pressure are shown here; the changes from cycle to cycle are in the tab Repeatability.",
             NextStep.SHOW_REPEATABILITY,
         )
     least = f"A curve needs readings at {LEAST_ELONGATIONS} or more different elongations."

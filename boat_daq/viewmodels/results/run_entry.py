@@ -25,7 +25,7 @@ _STATES = {
 }  # fmt: skip
 CHOOSE_ONE, CHOOSE_SOME = "Choose a recording in the list.", "Choose one or more recordings in the list."
 _CHANGES = ("readings", "rename", "note", "metadata")  # of a recording
-NONE_CHOSEN = "Choose a recording to calibrate, replay or export it, or two to four to compare them."
+NONE_CHOSEN = "Choose a recording to open it, or two to four to compare them."
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,5 +147,5 @@ def obstacle(button: str, chosen: Sequence[RunEntry]) -> str:
         return "Simulated and real recordings are chosen; they are not compared."
     if button in _CHANGES and chosen[0].summary is not None and not chosen[0].closed:
         later = "It can be changed once the recording is closed or recovered."
-        return f"{later} While it is recorded: Session, Metadata (Ctrl+Shift+E)." if button == "metadata" else later
+        return f"{later} While it is recorded: Session, Metadata." if button == "metadata" else later
     return next((f"{run.path.name}: {run.problem}." for run in chosen if run.summary is None), "")

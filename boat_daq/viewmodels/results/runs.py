@@ -44,6 +44,8 @@ from protocol.recording import SUFFIX
 
 SCAN_INTERVAL_S = 3.0
 IN_USE = (LinkState.OPENING, LinkState.UP, LinkState.SILENT, LinkState.LOST)
+LOADING = "Loading \u2026", "The folder of the recordings is being read."
+NOTHING_YET = "No recording yet", "Runs are listed here with unit, date, length and cycles. Start one on Measure."
 SIMULATED_MARK = "  SIMULATED"  # behind the name of a unit
 
 
@@ -58,7 +60,6 @@ class RunActions:
     """What other pages do with a chosen recording, and the name of the unit in use."""
 
     calibrate: Callable[[Path], None]
-    repeat: Callable[[Path], None]
     resume: Callable[[Path], None]
     replay: Callable[[Path, float], None]
     unit: Callable[[], str]
@@ -83,6 +84,7 @@ class RunsModel:
         self.comparison: tuple[RunResult, ...] = ()
         self.wanted: Path | None = None  # is chosen once it is listed
         self.revision = 0
+        self.listed = False  # whether the folder has been read
         self.shown_units = STORED_UNITS  # of its reports
         self.fidelity: Fidelity = fidelity()  # of the next reports
         self.simulated = False  # whether the board in use is, or was last
@@ -132,9 +134,14 @@ class RunsModel:
         if self._future is not None and self._future.done():
             future, self._future = self._future, None
             found = future.result()
-            if found != (self.runs, self.units_read):
+            if not self.listed or found != (self.runs, self.units_read):
+                self.listed = True
                 self.runs, self.units_read = found
                 self.revision += 1
+
+    def nothing(self) -> tuple[str, str]:
+        """Return title and text in place of an empty list."""
+        return NOTHING_YET if self.listed else LOADING
 
     def newest(self, simulated: bool | None = None) -> Path | None:
         """Return the recording that was written last, a simulated or a real one where asked; None without one."""

@@ -42,9 +42,9 @@ def live(make):
 @pytest.fixture
 def whole(live):
     """A window on a connected board with every page made."""
-    from boat_daq.viewmodels.common.services import Page
+    from boat_daq.viewmodels.common.services import PLACES
 
-    for name in Page:
+    for name in PLACES:
         live.open_page(name)
     return live
 

@@ -11,7 +11,7 @@ from PySide6.QtCore import QEvent
 from PySide6.QtWidgets import QApplication
 
 from boat_daq.gui.app import Collector, make_window
-from boat_daq.viewmodels.common.services import Page
+from boat_daq.viewmodels.common.services import PLACES
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring, window_on
 
 
@@ -34,7 +34,7 @@ def test_a_closed_window_leaves_nothing_behind(qtbot, tmp_path):
     before = set(QApplication.allWidgets())
     session = RecordedSession(connected(), filled_ring(10.0))
     ring, window = weakref.ref(session.live.ring), window_on(session, tmp_path)
-    for name in Page:
+    for name in PLACES:
         window.open_page(name)
     window.show()
     qtbot.waitExposed(window)
@@ -55,7 +55,7 @@ def test_what_lives_as_long_as_the_window_is_not_collected_again(collected):
     collector.settled.stop()
     collector.settle()
     assert len(gc.get_objects()) < 0.1 * gc.get_freeze_count()
-    window.open_page("Runs")
+    window.open_page("Recordings")
     assert collector.settled.isActive()
 
 

@@ -15,7 +15,7 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings
 from boat_daq.engine.snapshot import SessionState
-from boat_daq.viewmodels.common.services import Page
+from boat_daq.viewmodels.common.services import Page, Tab
 from boat_daq.viewmodels.live.connection import VirtualBoardProcess
 from boat_daq.viewmodels.results.run_result import analyse_run
 from boat_daq.workflows.run_session import SessionRequest, run_session
@@ -100,22 +100,22 @@ def test_board_is_calibrated_in_the_window(window, qtbot, tmp_path, sensors):
         path = model.session.stop_recording()
         result = analyse_run(path)  # as a helper process does
         model.calibration.show(result)
-        window.go(Page.CALIBRATE)
+        window.go(Tab.CALIBRATION)
         window.refresh()
-        page = window.pages[Page.CALIBRATE]
+        page = window.pages[Tab.CALIBRATION]
         curves = [card for card in page.curves if card.isVisible()]
         assert [card.curve.x.size > 0 for card in curves] == [True] * sensors
         assert (len(page.loops.curves), page.table.columnCount()) == (sensors, 1 + sensors)
         found = [sensor.record.figures["sensitivity_mv_per_mm"] for sensor in result.sensors]
         assert found == pytest.approx(sensitivities(unit), rel=0.03)
         model.calibration.accept()
-        window.go(Page.LIVE)
+        window.go(Page.MEASURE)
         elongation = at_rest(window, qtbot)  # inverse of one sensor, fused from more
     assert elongation == pytest.approx(0.0, abs=0.5)
     model.repeatability.show(result)
-    window.go(Page.REPEAT)
+    window.go(Tab.REPEATABILITY)
     window.refresh()
-    assert window.pages[Page.REPEAT].table.columnCount() == 1 + sensors
+    assert window.pages[Tab.REPEATABILITY].table.columnCount() == 1 + sensors
     assert (window.guard._covers, live.guard._covers) == ({}, {})
 
 

@@ -93,6 +93,8 @@ def test_unplugged_board_leaves_nothing_that_looks_current(live):
     live.model.session.change(link=LinkState.LOST)
     live.refresh()
     pane = live.live.shadow
+    live.live.pane.setCurrentWidget(pane)
+    live.refresh()
     assert (live.header.figures[0].text(), live.header.figures[0].property("state")) == ("Last data 1:15 ago", "off")
     assert (pane.names[0].text(), pane.values[0].text(), pane.view.stale) == ("Last data", "1:15 ago", True)
     assert {value.property("state") for value in pane.values if value.text()} == {"off"}

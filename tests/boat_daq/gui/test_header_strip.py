@@ -12,7 +12,7 @@ from boat_daq.engine.snapshot import (
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.workflows.jobs import Job
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
-from tests.boat_daq.gui.windows import pause, run_shortcut
+from tests.boat_daq.gui.windows import pause, run_command
 
 
 def test_offer_can_be_dismissed(live):
@@ -40,18 +40,18 @@ def test_error_has_cause_remedy_details_and_copy(live):
     assert "ZeroDivisionError" in live.strip.details.toPlainText()
     live.strip.copy.click()
     assert "ZeroDivisionError" in QGuiApplication.clipboard().text()
-    run_shortcut(live, "Ctrl+D")
+    run_command(live, "Dismiss message")
     assert live.strip.text.text() == ""
 
 
 def test_suggested_action_is_applied_by_a_key(live):
-    """What the strip offers is done by Ctrl+J, once."""
+    """What the strip offers is done by its command, once."""
     done = []
     live.model.notices.add(Severity.WARNING, "x", "y", action=("Do", lambda: done.append(1)))
     live.refresh()
-    run_shortcut(live, "Ctrl+J")
+    run_command(live, "Apply suggested action")
     live.refresh()
-    run_shortcut(live, "Ctrl+J")
+    run_command(live, "Apply suggested action")
     assert done == [1]
 
 
@@ -61,7 +61,7 @@ def test_job_has_a_progress_bar_and_a_cancel(live):
     live.refresh()
     assert live.strip.bar.isVisible()
     assert live.strip.work.text() == "Waiting"
-    run_shortcut(live, "Ctrl+.")
+    run_command(live, "Cancel task")
     live.refresh()
     assert job.state.value == "cancelled"
     assert not live.strip.bar.isVisible()

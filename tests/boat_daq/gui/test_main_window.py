@@ -6,7 +6,7 @@ import pytest
 from PySide6.QtWidgets import QDialog, QPushButton
 
 from boat_daq.gui import style
-from boat_daq.viewmodels.common.services import Page, Panel
+from boat_daq.viewmodels.common.services import PLACES, Panel
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.gui.windows import ASKED
 
@@ -36,12 +36,12 @@ def test_every_plot_saves(live, tmp_path):
 def test_window_restores_its_state(make, tmp_path):
     """Page, length of the picture and theme are there again at the next start."""
     first = make(RecordedSession(connected(), filled_ring(10.0)))
-    first.go("Runs")
+    first.go("Recordings")
     first.live.model.set_window(300.0)
     first.choose_theme("dark")
     first.close()
     second = make(RecordedSession(connected(), filled_ring(10.0)))
-    assert second.page == "Runs"
+    assert second.page == "Recordings"
     assert second.model.live.window_s == 300.0
     assert second.theme is style.DARK
 
@@ -56,20 +56,20 @@ def test_simulated_board_is_marked(live):
 
 def test_waiting_reading_is_marked_on_every_page(running):
     """F6 on the Calibrate page used to start a run whose plateau waited for a reading without a prompt."""
-    running.go("Runs")
+    running.go("Recordings")
     running.model.run.press("start")
-    assert running.page == "Live"
+    assert running.page == "Measure"
     running.model.session.change(waiting_for_reading=ASKED)
     running.refresh()
-    live = running.navigation.buttons["Live"]
-    assert live.text() == "Live"
-    running.go("Runs")
+    live = running.navigation.buttons["Measure"]
+    assert live.text() == "Measure"
+    running.go("Recordings")
     running.refresh()
-    assert live.text() != "Live"
-    assert live.accessibleName() == "Live: a reading is due"
-    running.go("Live")
+    assert live.text() != "Measure"
+    assert live.accessibleName() == "Measure: a reading is due"
+    running.go("Measure")
     running.refresh()
-    assert (live.text(), live.accessibleName()) == ("Live", "Live")
+    assert (live.text(), live.accessibleName()) == ("Measure", "Measure")
 
 
 @pytest.mark.parametrize("state", ["empty", "live", "running"])
@@ -77,7 +77,7 @@ def test_each_page_has_one_primary_button_at_most(request, state):
     """What to do next is marked once; two accents are none."""
     window = request.getfixturevalue(state)
     window.model.optics.choose = lambda *_: None
-    for page in Page:
+    for page in PLACES:
         window.go(page)
         primary = [b for b in window.findChildren(QPushButton) if b.property("role") == "primary" and b.isVisible()]
         assert len(primary) <= 1, (page, [button.text() for button in primary])

@@ -26,10 +26,10 @@ def test_keyboard_reaches_every_button_of_the_live_page(live, qtbot):
             break
         reached.append(QApplication.focusWidget())
     wanted = [live.header.vent, live.header.link, live.live.window_choice, *live.live.plan.fields.values()]
-    wanted += [live.navigation.buttons["Live"], *(b for b in live.live.sequence.buttons.values() if b.isVisible())]
+    wanted += [live.navigation.buttons["Measure"], *(b for b in live.live.sequence.buttons.values() if b.isVisible())]
     assert [w.accessibleName() for w in wanted if w not in reached] == []
     assert [w for w in reached if not (w.accessibleName() or getattr(w, "text", str)())] == []
-    button = live.navigation.buttons["Live"]
+    button = live.navigation.buttons["Measure"]
     at = button.mapTo(live, button.rect().center())
     QTest.mouseClick(live.windowHandle(), Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, at)
     for name in list(Page)[1:]:  # the pages are one stop of Tab; the arrow keys move from there

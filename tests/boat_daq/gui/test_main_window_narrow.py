@@ -89,7 +89,7 @@ def test_models_pages_do_not_scroll_sideways(live):
     """Before, a page that required the width of both sides was never narrow enough to stack them."""
     for width in (NARROW, 960, 1280):
         live.resize(width, 533)
-        for name in ("Optics", "Shadow", "Trade-off"):
+        for name in ("Optics", "Shadow", "Speed and accuracy"):
             live.model.optics.choose = lambda *_: None
             live.go(name)
             QApplication.processEvents()

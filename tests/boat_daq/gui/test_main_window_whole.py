@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import pytest
+from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction, QKeySequence, QShortcut
+from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QAbstractButton,
     QAbstractItemView,
     QAbstractSlider,
     QAbstractSpinBox,
+    QApplication,
     QComboBox,
     QLabel,
     QLineEdit,
@@ -20,7 +23,7 @@ from PySide6.QtWidgets import (
 
 from boat_daq.gui import style
 from boat_daq.gui.palette import shown
-from boat_daq.viewmodels.common.services import Page
+from boat_daq.viewmodels.common.services import PLACES, page_of
 from tests.boat_daq.gui.windows import shared_window
 
 
@@ -29,23 +32,43 @@ def whole(tmp_path_factory, qapp):
     """A window on a connected board with every page made; the module opens no other one, which would be slow."""
     with shared_window(tmp_path_factory.mktemp("whole")) as window:
         window.model.optics.choose = lambda *_: None  # no helper process traces
-        for name in Page:
+        for name in PLACES:
             window.open_page(name)
         yield window
 
 
 def test_every_page_opens(whole):
     """Each page of the navigation can be gone to and refreshed."""
-    for name in Page:
+    for name in PLACES:
         whole.go(name)
         whole.refresh()
-        assert whole.page == name
-        assert whole.navigation.buttons[name].isChecked()
+        assert whole.place == name
+        assert whole.navigation.buttons[page_of(name)].isChecked()
+
+
+def test_tabs_of_a_page_are_shown_and_kept(whole):
+    """A click on a tab shows it; the page comes back with the tab that was left."""
+    whole.go("Results")
+    assert [whole.tabs.tabText(i) for i in range(whole.tabs.count())] == ["Calibration", "Repeatability"]
+    QApplication.processEvents()
+    QTest.mouseClick(whole.tabs, Qt.MouseButton.LeftButton, pos=whole.tabs.tabRect(1).center())
+    assert whole.place == "Repeatability"
+    whole.go("Measure")
+    assert not whole.tab_row.isVisible()
+    whole.go("Results")
+    assert (whole.place, whole.tabs.currentIndex(), whole.tab_row.isVisible()) == ("Repeatability", 1, True)
+    whole.choose("Calibration")
+    assert whole.place == "Calibration"
+    whole.go("Program and units")
+    whole.choose("Repeatability")  # of a page that is not shown
+    assert whole.place == "Program and units"
+    whole.go("Results")
+    assert whole.place == "Repeatability"
 
 
 def test_theme_repaints_without_an_error(whole):
     """Light and dark can be changed at any time, with every page open."""
-    for name in Page:
+    for name in PLACES:
         whole.go(name)
     whole.set_theme(style.DARK)
     assert whole.styleSheet() == style.style_sheet(style.DARK)
@@ -81,28 +104,28 @@ def test_every_control_has_an_accessible_name(whole):
     assert nameless == []
 
 
-def test_every_command_is_in_a_menu_the_palette_and_the_sheet(whole):
-    """Walk all actions of the menu bar: each is a command with a key, and the sheet names it with its key."""
+def test_menus_sheet_and_keys_are_made_of_the_commands(whole):
+    """Walk all actions of the menu bar: each is a command, and the sheet names those with keys."""
     actions = [
         action for menu in whole.menuBar().actions() for action in menu.menu().actions() if not action.isSeparator()
     ]
     commands = whole.commands.actions
-    entries = [f"{c.text}\t{shown(c)}" for m in menus(whole) for c in commands if c.menu == m]
+    entries = ["\t".join(filter(None, (c.text, shown(c)))) for m in menus(whole) for c in commands if c.menu == m]
     assert [a.text() for a in actions] == entries
     assert {a for a in whole.findChildren(QAction) if a.shortcut().toString()} == set()
     keys = {shortcut.key().toString() for shortcut in whole.findChildren(QShortcut)}
-    assert {QKeySequence(c.shortcut).toString() for c in commands} <= keys
+    assert {QKeySequence(c.shortcut).toString() for c in commands if c.shortcut} <= keys
     whole.show_keys()
     texts = {label.text() for label in whole.keys.findChildren(QLabel)}
-    assert {c.text for c in commands} | {shown(c) for c in commands} <= texts
+    assert {text for c in commands if c.shortcut for text in (c.text, shown(c))} <= texts
 
 
 def menus(window):
     return [action.text().removeprefix("&") for action in window.menuBar().actions()]
 
 
-def test_every_button_of_the_results_pages_is_a_command(whole):
-    """What a button of these pages does, a key does: as many commands as button actions."""
-    texts = {c.text for c in whole.commands.actions if c.menu == "Runs"}
-    exports, control = 1, 1  # exports are two kinds behind one button; control of elongation is prepared by the menu
-    assert len(texts) == 8 + len(whole.pages["Runs"].buttons) + exports + control
+def test_every_action_of_the_recordings_is_a_command(whole):
+    """What a button or the menu of the list does, the palette finds."""
+    page = whole.pages["Recordings"]
+    texts = [c.text for c in whole.commands.actions if "Recordings" in c.why()]
+    assert len(texts) == len(page.buttons) + len(page.actions_) + 1  # an export is of two kinds

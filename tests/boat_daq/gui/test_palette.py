@@ -22,7 +22,7 @@ def test_shortcut_closes_the_palette_and_runs(live):
     assert live.palette_.isVisible()
     run_shortcut(live, "Ctrl+2")
     assert not live.palette_.isVisible()
-    assert (live.page, live.model.session.calls) == ("Calibrate", [])
+    assert (live.place, live.model.session.calls) == ("Calibration", [])
 
 
 def test_palette_finds_synonyms(live):
@@ -33,7 +33,8 @@ def test_palette_finds_synonyms(live):
     for typed, meant in (
         ("quit", "Close the window"), ("exit", "Close the window"), ("night", "Dark"), ("start", "Start"),
         ("marker", "Add marker \u2026"), ("begin", "Start"), ("screenshot", "Copy the plot"),
-        ("statistics", "Cursor A"), ("emergency", "Vent now"), ("compare", "Runs"), ("fit", "Calibrate"),
+        ("statistics", "Cursor A"), ("emergency", "Vent now"), ("compare", "Recordings"),
+        ("fit", "Analyse the last run"),
     ):  # fmt: skip
         palette._match(typed)
         assert palette.list.topLevelItem(0).text(0) == meant, typed
@@ -69,4 +70,4 @@ def test_palette_finds_and_runs_a_command(live):
     live.palette_.open_fresh()
     QTest.keyClicks(live.palette_.field, "repeat")
     QTest.keyClick(live.palette_.field, Qt.Key.Key_Return)
-    assert live.page == "Repeat"
+    assert live.place == "Repeatability"

@@ -7,7 +7,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
 from protocol.text.profile import load_profile
-from tests.boat_daq.gui.windows import run_shortcut
+from tests.boat_daq.gui.windows import run_command
 from tests.protocol.text.firmwares import OUTPUTS, PACKETS
 
 
@@ -16,7 +16,7 @@ def panel(empty, tmp_path):
     """The panel on columns without a heading."""
     path = tmp_path / "printed.txt"
     path.write_bytes(OUTPUTS["Arduino plotter without labels"])
-    run_shortcut(empty, "Ctrl+Shift+D")
+    run_command(empty, "Describe a board …")
     panel = empty.profile_panel
     assert panel.isVisible()
     panel._opened(path)

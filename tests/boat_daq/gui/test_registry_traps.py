@@ -12,9 +12,9 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QDialog, QPushButton
 
 from boat_daq.engine.snapshot import SessionState
-from boat_daq.viewmodels.common.services import Page, Panel
+from boat_daq.viewmodels.common.services import PLACES, Page, Panel
 from boat_daq.workflows import jobs
-from tests.boat_daq.gui.windows import PATIENCE_MS, RAMPING, choose
+from tests.boat_daq.gui.windows import PATIENCE_MS, RAMPING, choose, run_command
 
 Key = Qt.Key
 NO, CTRL = Qt.KeyboardModifier.NoModifier, Qt.KeyboardModifier.ControlModifier
@@ -88,13 +88,13 @@ def test_no_key_commands_the_board_but_the_documented_one(front, state, everywhe
         run(front)
     calls, documented = front.model.session.calls, RUN_KEYS[state]
     wrong = []
-    keys, rest = [*PRINTED, *NAMED], [page for page in Page if page is not Page.LIVE]
-    pressed = [(Page.LIVE, key) for key in keys]
+    keys, rest = [*PRINTED, *NAMED], [page for page in PLACES if page is not Page.MEASURE]
+    pressed = [(Page.MEASURE, key) for key in keys]
     for i, page in enumerate(rest):
         once = keys[i :: len(rest)]
         pressed += [(page, key) for key in dict.fromkeys([*once, *(NAMED if everywhere else [])])]
     for (page, key), clicked in product(pressed, (False, True)):
-        if clicked and page is not Page.LIVE:
+        if clicked and page is not Page.MEASURE:
             continue
         front.go(page)
         front.refresh()
@@ -129,26 +129,19 @@ def press_space(window) -> str:
         return ""
     if len(window.model.jobs.running()) > running:
         return f"started a job with the focus on {focus}"
-    return "" if froze is (page is Page.LIVE and not typing) else f"froze {froze} with the focus on {focus}"
+    return "" if froze is (page is Page.MEASURE and not typing) else f"froze {froze} with the focus on {focus}"
 
 
 def test_space_freezes_after_the_plot_is_clicked_and_overlaid(front):
     """Click the plot, press the key of the overlay, then Space: the focus fell on Pause, and Space vented the run."""
     run(front)
     QTest.mouseClick(front.live.plots.view.viewport(), Qt.MouseButton.LeftButton, pos=QPoint(80, 60))
-    press(front, *chord("Overlay the last cycles", front))
+    run_command(front, "Overlay the last cycles")
     front.refresh()
     QApplication.processEvents()
     assert QApplication.focusWidget() is None
     press(front, Key.Key_Space)
     assert (front.model.live.following, front.model.session.calls) == (False, [])
-
-
-def chord(text, window):
-    """Return key and modifiers of a command."""
-    command = next(c for c in window.commands.actions if c.text == text)
-    combination = QKeySequence(command.shortcut)[0]
-    return combination.key(), combination.keyboardModifiers()
 
 
 def test_focus_is_nowhere_at_the_start(front):
@@ -192,12 +185,12 @@ def test_space_presses_the_focused_button_of_other_pages_and_does_nothing_else(f
     """
     shown = ShownWindows()
     QApplication.instance().installEventFilter(shown)
-    for page in Page:
+    for page in PLACES:
         front.go(page)
     QApplication.instance().removeEventFilter(shown)
     assert (shown.seen, QApplication.activeWindow()) == ([], front)
     pressed, wrong, calls = 0, [], front.model.session.calls
-    for page in (page for page in Page if page is not Page.LIVE):
+    for page in (page for page in PLACES if page is not Page.MEASURE):
         front.go(page)
         for button in front.pages[page].findChildren(QPushButton):
             front.go(page)
@@ -304,7 +297,7 @@ def test_keys_work_after_a_menu_was_closed_by_a_click_elsewhere(front):
 def test_no_command_is_a_plain_character(front):
     """Letters of commands went into the reading: a command has a modifier or is no character."""
     in_field = []
-    for command in front.commands.actions:
+    for command in (command for command in front.commands.actions if command.shortcut):
         combination = QKeySequence(command.shortcut)[0]
         text = QKeySequence(combination.key()).toString()
         if combination.keyboardModifiers() in (NO, Qt.KeyboardModifier.ShiftModifier) and len(text) == 1:

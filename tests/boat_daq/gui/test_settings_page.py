@@ -9,7 +9,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
 from boat_daq.engine.settings import Settings, UnitLibrary
-from boat_daq.viewmodels.common.services import Page
+from boat_daq.viewmodels.common.services import Tab
 from tests.boat_daq.gui.windows import close_all
 
 
@@ -18,9 +18,9 @@ def page(empty):
     """The page of a window whose session stores what it is given."""
     session, units = empty.model.session, empty.model.units
     session.settings, session.unit_under_test = Settings(), SimpleNamespace(store=units.save)
-    empty.go(Page.SETTINGS)
+    empty.go(Tab.VALUES)
     empty.refresh()
-    return empty.pages[Page.SETTINGS]
+    return empty.pages[Tab.VALUES]
 
 
 def enter(page, key, text):
@@ -93,8 +93,8 @@ def test_refused_settings_open_the_window_in_safe_mode(qtbot, tmp_path, monkeypa
         assert window.safe_mode.isVisible() and "'rate_hz' must be of type int" in window.safe_mode.text.text()
         assert window.model.session.settings == Settings()
         assert file.read_text() == 'rate_hz = "fast"\n'
-        window.go(Page.SETTINGS)
-        window.pages[Page.SETTINGS].reset.click()
+        window.go(Tab.VALUES)
+        window.pages[Tab.VALUES].reset.click()
         window.refresh()
         assert not window.safe_mode.isVisible()
         assert UnitLibrary().names() == []

@@ -73,6 +73,11 @@ def run_shortcut(window, keys: str) -> None:
     next(s for s in window.findChildren(QShortcut) if s.key() == QKeySequence(keys)).activated.emit()
 
 
+def run_command(window, text: str) -> None:
+    """Do a command by its text, as the palette does, where it may be done."""
+    window.commands.run(next(command for command in window.commands.actions if command.text == text))
+
+
 def choose(window, button) -> None:
     """Give a button the focus as the operator does: one that gets it otherwise loses it again."""
     window.window_keys._chosen = button

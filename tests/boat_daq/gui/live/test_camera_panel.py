@@ -43,7 +43,7 @@ def panel(live, monkeypatch):
     panel = live.live.camera
     live.model.session.live.add_sink = lambda sink: lambda: None
     live.model.session.resumed_after = lambda: 0
-    live.live.pane.setCurrentWidget(panel)
+    live.live.show_camera()
 
     def opened(source: Pictures) -> None:
         monkeypatch.setattr(choice, "open_source", lambda name, allow_remote: source)

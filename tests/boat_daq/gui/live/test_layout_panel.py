@@ -9,7 +9,7 @@ from PySide6.QtTest import QTest
 
 from boat_daq.viewmodels.live.layout import ELONGATION, PRESSURE
 from boat_daq.workflows.live_conversion import LiveElongation
-from tests.boat_daq.gui.windows import run_shortcut, shared_window
+from tests.boat_daq.gui.windows import run_command, run_shortcut, shared_window
 
 S1, S2 = "s1_mv", "s2_mv"
 
@@ -27,7 +27,7 @@ def live(shared):
     shared.model.live.inverse = lambda mv: LiveElongation(
         (mv[:, 0] - 1638) / 40, np.full(len(mv), 0.1), np.zeros(len(mv), bool)
     )
-    run_shortcut(shared, "Ctrl+Shift+L")
+    run_command(shared, "Layout of the plots …")
     show(shared)
     return shared
 

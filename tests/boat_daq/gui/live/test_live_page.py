@@ -35,7 +35,7 @@ def test_pane_beside_the_plots_does_not_scroll_sideways(live, qtbot, index):
     live.resize(853, 533)
     live.live.pane.setCurrentIndex(index)
     live.refresh()
-    qtbot.waitUntil(lambda: live.scrolls["Live"].horizontalScrollBar().maximum() == 0, timeout=PATIENCE_MS)
+    qtbot.waitUntil(lambda: live.scrolls["Measure"].horizontalScrollBar().maximum() == 0, timeout=PATIENCE_MS)
     bars = [bar for bar in live.live.pane.findChildren(QScrollBar) if bar.orientation() is Qt.Orientation.Horizontal]
     assert [bar.maximum() for bar in bars if bar.isVisible()] == []
 
@@ -58,7 +58,7 @@ def test_small_window_shows_the_statistics_in_a_tab(live):
     assert page.between.sizeHint().width() <= page.between.width()
     assert page.between.sizeHint().height() <= page.between.height()
     assert all(f">{words}<" in page.between.text() for words in (*HEADINGS_SHORT, "1, mV", "2, mV", "mm", "kPa"))
-    scroll = live.scrolls["Live"]
+    scroll = live.scrolls["Measure"]
     assert (scroll.horizontalScrollBar().maximum(), scroll.verticalScrollBar().maximum()) == (0, 0)
     page.plots.place_cursor("a")
     live.refresh()
@@ -126,7 +126,7 @@ def test_readouts_keep_their_places(live):
         assert len(places) == 1
         head = live.live.figure_line.geometry()
         assert max(figure.geometry().right() for figure in figures) <= head.right()
-        assert live.scrolls["Live"].horizontalScrollBar().maximum() == 0
+        assert live.scrolls["Measure"].horizontalScrollBar().maximum() == 0
 
 
 def test_values_and_curves_of_a_lost_board_are_grey_with_their_age(live):

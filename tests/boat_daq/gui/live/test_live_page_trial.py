@@ -8,7 +8,7 @@ from PySide6.QtTest import QTest
 
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import LinkState, SessionState
-from boat_daq.viewmodels.common.services import Page
+from boat_daq.viewmodels.common.services import Page, Tab
 from tests.boat_daq.gui.recorded_session import connected, filled_ring
 from tests.boat_daq.gui.windows import ASKED, RAMPING, Grid
 
@@ -43,8 +43,8 @@ def test_quick_trial_is_the_first_button_before_the_first_recording(empty):
     assert (steps.trial.isVisible(), steps.virtual.property("role")) == (True, "")
     empty.model.services.recordings.mkdir(parents=True)
     (empty.model.services.recordings / "a.boat").touch()
-    empty.go(Page.RUNS)
-    empty.go(Page.LIVE)
+    empty.go(Page.RECORDINGS)
+    empty.go(Page.MEASURE)
     assert (steps.trial.isVisible(), steps.virtual.property("role")) == (False, "primary")
 
 
@@ -64,7 +64,7 @@ def test_quick_trial_runs_a_cycle_reads_it_and_calibrates(trial):
     assert trial.live.reading.left.text() == "+1.50 taken"
     session.change(state=SessionState.IDLE)
     trial.refresh()
-    assert (trial.page, model.armed[-1]) == (Page.CALIBRATE, "analysed")
+    assert (trial.place, model.armed[-1]) == (Tab.CALIBRATION, "analysed")
     assert (model.run.trial.active, model.run.read_all) == (False, False)
     assert model.prepared == [1, 3]  # helpers: of the analysis during the run, of the report after it
 
@@ -79,7 +79,7 @@ def test_quick_trial_that_was_vented_or_unplugged_ends(trial, ended):
     trial.refresh()
     trial.model.session.change(**ended)
     trial.refresh()
-    assert (trial.model.run.trial.active, trial.model.run.read_all, trial.page) == (False, False, Page.LIVE)
+    assert (trial.model.run.trial.active, trial.model.run.read_all, trial.page) == (False, False, Page.MEASURE)
     assert "analysed" not in trial.model.armed
 
 

@@ -19,7 +19,7 @@ from boat_daq.gui import style
 from boat_daq.viewmodels.live import axis
 from boat_daq.workflows.live_conversion import LiveElongation
 from protocol.recording import sample_dtype
-from tests.boat_daq.gui.windows import run_shortcut
+from tests.boat_daq.gui.windows import run_command, run_shortcut
 
 
 def test_titles_are_in_the_gutter_at_any_height(live):
@@ -123,8 +123,8 @@ def test_cursor_is_dragged_with_the_mouse(live):
     """A drag moves the cursor in every plot, and the figures with it."""
     live.refresh()
     live.draw()
-    run_shortcut(live, "Ctrl+Alt+A")
-    run_shortcut(live, "Ctrl+Alt+B")
+    run_command(live, "Cursor A")
+    run_command(live, "Cursor B")
     plots = live.live.plots
     plot, _ = plots._cursors["a"][0]
     before = plots.model.cursors_s["a"]

@@ -7,12 +7,12 @@ import socket
 
 from PySide6.QtWidgets import QApplication
 
-from tests.boat_daq.gui.windows import NARROW, run_shortcut
+from tests.boat_daq.gui.windows import NARROW, run_command
 
 
 def test_a_node_is_switched_and_its_clients_are_seen(live):
     """On a free port, with a client; control is marked in the header; a wrong address is named and not taken."""
-    run_shortcut(live, "Ctrl+Shift+H")
+    run_command(live, "Streams and remote control …")
     panel, model, header = live.outlets_panel, live.model.outlets, live.header
     assert not header.outlets.isVisible()
     panel.address.setText("127.0.0.1:0")

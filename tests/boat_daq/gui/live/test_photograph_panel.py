@@ -17,7 +17,7 @@ from boat_daq.engine.snapshot import (
 )
 from protocol.base.errors import RequestError
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
-from tests.boat_daq.gui.windows import run_shortcut
+from tests.boat_daq.gui.windows import run_command
 
 
 def test_photograph_is_read_with_clicks(make, tmp_path):
@@ -26,7 +26,7 @@ def test_photograph_is_read_with_clicks(make, tmp_path):
     session.change(waiting_for_reading=ReadingRequest(3, 1, "unloading", 30.0, 30.0))
     window = make(session)
     window.refresh()
-    run_shortcut(window, "Ctrl+P")
+    run_command(window, "Read from a photograph …")
     panel = window.live.photograph
     picture = QPixmap(400, 200)
     picture.fill()

@@ -8,12 +8,12 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QPushButton
 
 from boat_daq.engine.snapshot import SessionState
-from tests.boat_daq.gui.windows import RAMPING, run_shortcut
+from tests.boat_daq.gui.windows import RAMPING, run_command
 
 
 @pytest.fixture
 def panel(live):
-    run_shortcut(live, "Ctrl+Shift+G")
+    run_command(live, "Edit a plan of segments …")
     panel = live.live.plan_editor
     assert "staircase" in panel.summary.text()
     panel.new.click()

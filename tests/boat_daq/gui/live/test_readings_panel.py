@@ -19,7 +19,7 @@ from boat_daq.engine.snapshot import (
 )
 from protocol.base.units import STORED_UNITS, ShownUnits
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
-from tests.boat_daq.gui.windows import ASKED, PATIENCE_MS, RAMPING, Grid, run_shortcut
+from tests.boat_daq.gui.windows import ASKED, PATIENCE_MS, RAMPING, Grid, run_command, run_shortcut
 from tests.boat_daq.viewmodels.live.test_readings import plateaus
 
 
@@ -80,7 +80,7 @@ def test_run_without_readings_shows_no_reading_bar(live):
 
 
 def test_column_is_pasted_whatever_tab_is_shown(live):
-    """With the plan in the pane, Ctrl+Shift+V used to open the readings and paste nothing, without a message."""
+    """With the plan in the pane, the command used to open the readings and paste nothing, without a message."""
     live.live.pane.setCurrentWidget(live.live.plan)
     QApplication.clipboard().setText("4.1\n3.4")
     live.live.show_readings().paste()
@@ -259,7 +259,7 @@ def test_grid_of_the_virtual_board_is_read_by_one_key(running):
     session.change(waiting_for_reading=None)
     running.refresh()
     assert (bar.question.text()[:5], bar.left.text()) == ("Next:", "+2.50 taken")
-    run_shortcut(running, "Shift+F2")
+    run_command(running, "Simulate the reading at every plateau")
     at_plateau(running, dataclasses.replace(ASKED, step_id=5))
     assert bar.all.isChecked()
     assert [r.step_id for r in session.kept] == [4, 5]

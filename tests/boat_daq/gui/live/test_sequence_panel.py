@@ -141,7 +141,7 @@ def test_end_of_a_run_offers_to_calibrate(make):
     window.refresh()
     assert window.strip.text.text() == "The run is finished, 1 plateau read. Next: fit and look at it."
     window.strip.act.click()
-    assert window.page == "Calibrate"
+    assert window.place == "Calibration"
     window.refresh()
     assert "There is no recording yet" in window.strip.text.text()
 
@@ -225,5 +225,5 @@ def test_the_page_of_a_run_fits_a_narrow_window(running):
     for _ in range(2):
         running.refresh()
         QTest.qWait(50)
-    scroll = running.scrolls["Live"]
+    scroll = running.scrolls["Measure"]
     assert (scroll.horizontalScrollBar().maximum(), scroll.verticalScrollBar().maximum()) == (0, 0)

@@ -105,7 +105,7 @@ def test_the_form_is_not_wider_than_its_tab(live):
 
 
 def test_both_manual_fields_are_in_sight(live):
-    """Ctrl+G shows the pressure, with the focus, and the elongation below it."""
+    """The command shows the pressure, with the focus, and the elongation below it."""
     live.resize(1280, 800)
     live.live.show_manual()
     QTest.qWait(50)

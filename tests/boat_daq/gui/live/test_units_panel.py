@@ -6,10 +6,10 @@ import pytest
 from PySide6.QtTest import QTest
 
 from boat_daq.gui.plotting.plot_card import PlotCard
-from boat_daq.viewmodels.common.services import Page
+from boat_daq.viewmodels.common.services import Tab
 from protocol.recording import channels_of
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
-from tests.boat_daq.gui.windows import run_shortcut
+from tests.boat_daq.gui.windows import run_command
 
 CHANNELS = channels_of([("temperature", "degC"), ("tag", "")])
 
@@ -50,7 +50,7 @@ def test_channels_and_chosen_units_of_the_live_page(measured):
     model.cursors_s.update(a=10.0, b=50.0)
     assert [(span.name, span.unit) for span in model.statistics()][-1] == ("Temperature", "\u00b0C")
     before = model.headline(window.model.snapshot)
-    run_shortcut(window, "Ctrl+Alt+J")
+    run_command(window, "Units of the values …")
     panel = window.units_panel
     for quantity, unit in (("pressure", "bar"), ("voltage", "V"), ("temperature", "degF"), ("length", "%")):
         choose(panel, quantity, unit)
@@ -65,7 +65,7 @@ def test_channels_and_chosen_units_of_the_live_page(measured):
     assert window.live.figures["kpa"].unit.text() == "bar"
     assert model.means()["s1_mv"] == pytest.approx(number, abs=0.06)
     assert model.text("temperature_degc", 20.0) == "68.00 \u00b0F"
-    pages = [window.open_page(page).findChildren(PlotCard)[0] for page in (Page.REPEAT, Page.OPTICS)]
+    pages = [window.open_page(page).findChildren(PlotCard)[0] for page in (Tab.REPEATABILITY, Tab.OPTICS)]
     assert [card.theme.units.pressure for card in pages] == ["bar", "kPa"]
     panel.length.setText("50")
     QTest.keyClick(panel.length, "\r")

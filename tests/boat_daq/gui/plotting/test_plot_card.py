@@ -20,28 +20,36 @@ from tests.boat_daq.gui.models.test_optics_page import swept, traced
 from tests.boat_daq.gui.models.test_shadow_page import mark
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.gui.results.run_results import run_result
-from tests.boat_daq.gui.windows import choose, run_shortcut
+from tests.boat_daq.gui.windows import choose, run_command, run_shortcut
 from tests.boat_daq.viewmodels.models.reports import report
 from tests.boat_daq.viewmodels.models.reports import swept as mapped
 
-KEYS = {"png": "Ctrl+S", "svg": "Ctrl+Shift+S", "csv": "Ctrl+E"}
+KINDS = ("png", "svg", "csv")
 UNIT = re.compile(r"\([^()]+\)$|_(s|kpa|mv|mm)$|, best = 1$")
 NUMBERS = re.compile(  # what is counted, ranked or a message has no unit
     r"(Cycle|Calibration|cycle|cavities|rank|rises n_sign|on the front|setting|marks|state|flags|segment|index|s\d_lit"
     r"|s\d_dark|map|outcome|message|x|y|x is|y is|error|unit of the error)$"
 )
 SVG = "{http://www.w3.org/2000/svg}"
-SHOWN = {"Live": 2, "Calibrate": 4, "Repeat": 4, "Runs": 2, "Optics": 4, "Shadow": 3, "Trade-off": 2}
+SHOWN = {
+    "Measure": 2,
+    "Calibration": 4,
+    "Repeatability": 4,
+    "Recordings": 2,
+    "Optics": 4,
+    "Shadow": 3,
+    "Speed and accuracy": 2,
+}
 
 
 def fill(window, page: str) -> None:
     """Give a page what it draws."""
     model = window.model
-    if page == "Calibrate":
+    if page == "Calibration":
         model.calibration.show(run_result())
-    elif page == "Repeat":
+    elif page == "Repeatability":
         model.repeatability.show(run_result())
-    elif page == "Runs":
+    elif page == "Recordings":
         history = [(np.arange(1.0, 4.0), np.array([39.0, 39.5, 38.0])), (np.arange(1.0, 4.0),) * 2]
         model.runs.scan, model.runs.sensitivities = lambda: None, lambda unit: history
         model.runs.units_read = [(True, ("SA1", "2026-01-01", "39 / 29", "run.boat"))]
@@ -54,7 +62,7 @@ def fill(window, page: str) -> None:
         model.shadow.nominal_curve = lambda: (pressure, 0.07 * pressure, 0.06 * pressure, 0.08 * pressure)
         model.monitor.marks = [mark(cycle) for cycle in (1, 2, 3)]
         model.monitor.revision += 1
-    elif page == "Trade-off":
+    elif page == "Speed and accuracy":
         model.tradeoff.take(report())
         model.atlas.take(mapped("inverse"))
         model.tradeoff.show("inverse")
@@ -70,7 +78,7 @@ def loaded(make, monkeypatch, tmp_path, request):
     window = make(session)
 
     def answer(parent, model, stem, suffix, then, *, done=None):
-        model.notices.attempt(lambda: then(tmp_path / f"saved.{suffix}"))
+        model.notices.attempt(lambda: then(tmp_path / f"saved.{suffix.split()[0]}"))
 
     monkeypatch.setattr("boat_daq.gui.main_window.ask_save", answer)
     monkeypatch.setattr("boat_daq.gui.plotting.shadow_pane.ask_save", answer)
@@ -97,9 +105,9 @@ def plots_of(window):
 def looked_at(window, page):
     """The page's plots; the live page's cycles and the comparison replace other plots, one after the other."""
     yield from plots_of(window)
-    if page == "Live":
+    if page == "Measure":
         window.live.toggle_overlay()
-    elif page == "Runs":
+    elif page == "Recordings":
         window.model.runs.comparison = (run_result(), run_result(5.0))
     else:
         return
@@ -142,7 +150,7 @@ def check_numbers(path, card) -> None:
 @pytest.mark.parametrize("loaded", tuple(SHOWN), indirect=True, ids=tuple(SHOWN))
 def test_every_plot_is_copied_and_saved_by_menu_and_keys(loaded, tmp_path, request):
     """Copy, PNG, SVG and CSV of each plot; the file holds the picture, or the drawn numbers with units."""
-    page, clipboard, seen = loaded.page, QGuiApplication.clipboard(), []
+    page, clipboard, seen = loaded.place, QGuiApplication.clipboard(), []
     for card in looked_at(loaded, page):
         seen.append(card.title)
         if not card.columns():
@@ -150,9 +158,10 @@ def test_every_plot_is_copied_and_saved_by_menu_and_keys(loaded, tmp_path, reque
             continue
         button = button_of(card)
         copy, *saves = [action for action in button.menu().actions() if action.text()][:4]
-        triggers = {"copy": (copy.trigger, lambda: run_shortcut(loaded, "Ctrl+Shift+C"))}
-        for suffix, action in zip(KEYS, saves, strict=True):
-            triggers[suffix] = (action.trigger, lambda keys=KEYS[suffix]: run_shortcut(loaded, keys))
+        triggers = {"copy": (copy.trigger, lambda: run_command(loaded, "Copy the plot"))}
+        for suffix, action in zip(KINDS, saves, strict=True):
+            triggers[suffix] = (action.trigger,)
+        triggers["png"] = (*triggers["png"], lambda: run_shortcut(loaded, "Ctrl+S"))
         loaded.activateWindow()
         choose(loaded, button)
         assert card.isAncestorOf(QApplication.focusWidget() or button)
@@ -181,8 +190,8 @@ def test_empty_plot_is_not_saved_and_reports_its_remedy(empty, tmp_path):
     card = empty.pages["Shadow"].cycles
     assert card.empty_text.isVisible()
     choose(empty, button_of(card))
-    for keys in ("Ctrl+Shift+C", "Ctrl+S", "Ctrl+E"):
-        run_shortcut(empty, keys)
+    for command in ("Copy the plot", "Save the plot …"):
+        run_command(empty, command)
         assert "nothing is drawn yet" in empty.model.notices.current().cause
         assert "accepted calibration" in empty.model.notices.current().remedy
         empty.model.notices.dismiss(empty.model.notices.current())

@@ -69,6 +69,6 @@ def without_readings(read: int, **more) -> RunResult:
 
 def whole_in_sight(window, widget) -> bool:
     """Whether all of a widget is inside the window's page without scrolling."""
-    viewport = window.scrolls["Calibrate"].viewport()
+    viewport = window.scrolls["Calibration"].viewport()
     place = widget.mapTo(viewport, QPoint(0, 0))
     return widget.isVisible() and viewport.rect().contains(QRect(place, widget.size()))

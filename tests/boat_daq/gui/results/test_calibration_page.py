@@ -26,8 +26,8 @@ from tests.boat_daq.gui.windows import SAMPLE, run_shortcut
 def test_previous_calibration_is_compared(live):
     """Accept one, show another 2 mV away: the previous curve is drawn, the table has coefficients and E_n."""
     model = live.model
-    live.go("Calibrate")
-    page = live.pages["Calibrate"]
+    live.go("Calibration")
+    page = live.pages["Calibration"]
     model.calibration.show(run_result())
     live.refresh()
     assert "no earlier calibration" in page.comparison.text()
@@ -46,10 +46,10 @@ def test_previous_calibration_is_compared(live):
 def test_acceptance_is_undone_and_redone_by_keys(live):
     """Ctrl+Return stores and uses it, Ctrl+Z removes it, Ctrl+Shift+Z restores it."""
     model = live.model
-    live.go("Calibrate")
+    live.go("Calibration")
     model.calibration.show(run_result())
     live.refresh()
-    page = live.pages["Calibrate"]
+    page = live.pages["Calibration"]
     for keys, in_force in (("Ctrl+Return", True), ("Ctrl+Z", False), ("Ctrl+Shift+Z", True)):
         run_shortcut(live, keys)
         live.refresh()
@@ -60,8 +60,8 @@ def test_acceptance_is_undone_and_redone_by_keys(live):
 
 def test_calibration_is_exported_to_the_place_that_is_chosen(live, tmp_path, monkeypatch):
     """The button requests a place, JSON unless another suffix is given, and passes it on; without a fit it is off."""
-    live.go("Calibrate")
-    page = live.pages["Calibrate"]
+    live.go("Calibration")
+    page = live.pages["Calibration"]
     live.model.calibration.show(without_readings(3))
     live.refresh()
     assert not page.export.isEnabled()
@@ -82,8 +82,8 @@ def test_missed_bounds_are_shown_beside_the_accept_button(live, size):
     model = live.model
     model.unit.preparation.call = lambda *_: None  # the live conversion is not looked at here
     live.resize(*size)
-    live.go("Calibrate")
-    page = live.pages["Calibrate"]
+    live.go("Calibration")
+    page = live.pages["Calibration"]
     model.calibration.show(run_result())
     live.refresh()
     assert (page.accept.text(), page.accept.property("role"), page.warnings_line.isVisible()) == (
@@ -112,11 +112,11 @@ def test_missed_bounds_are_shown_beside_the_accept_button(live, size):
 def test_readings_are_corrected_in_a_panel(live, tmp_path, qtbot):
     """The panel shows a correction and its undo without being refreshed."""
     path = Path(shutil.copy(SAMPLE, tmp_path / "older.boat"))
-    live.go("Calibrate")
+    live.go("Calibration")
     live.model.calibration.show(out_of_tolerance_result())
     live.model.calibration.last_path = path
     live.refresh()
-    live.pages["Calibrate"].readings.click()
+    live.pages["Calibration"].readings.click()
     (panel,) = live.findChildren(ClosedReadings)
     before, index = panel.table.model.rows[2].cells[3], panel.table.model.index(2, 3)
     panel.table.model.setData(index, "1.25")
@@ -130,7 +130,7 @@ def test_key_does_not_accept_a_calibration_out_of_tolerance(live):
     """Ctrl+Return then prompts in the status strip, without a dialog; its action accepts."""
     model = live.model
     model.unit.preparation.call = lambda *_: None  # the live conversion is not looked at here
-    live.go("Calibrate")
+    live.go("Calibration")
     model.calibration.show(out_of_tolerance_result())
     live.refresh()
     run_shortcut(live, "Ctrl+Return")
@@ -169,7 +169,7 @@ def test_no_table_of_figures_scrolls_sideways(whole, width):
     whole.model.calibration.show(shown)
     whole.model.repeatability.show(shown)
     whole.resize(width, 533)
-    for name in ("Calibrate", "Repeat"):
+    for name in ("Calibration", "Repeatability"):
         whole.go(name)
         QApplication.processEvents()
         table = whole.pages[name].table
@@ -180,8 +180,8 @@ def test_no_table_of_figures_scrolls_sideways(whole, width):
 
 def test_curve_is_chosen_beside_what_each_would_be(live, monkeypatch):
     """The choice shows the curve of the run and takes another, for the report too; a row a curve, cleared with it."""
-    live.go("Calibrate")
-    page, model, chosen = live.pages["Calibrate"], live.model.calibration, []
+    live.go("Calibration")
+    page, model, chosen = live.pages["Calibration"], live.model.calibration, []
     assert not page.choice.isEnabled()
     of_sensor = tuple(CurveCandidate(name, "adequate", "", 0.4, 0.08) for name in CURVES)
     model.show(dataclasses.replace(run_result(), curve="auto", candidates=(of_sensor, of_sensor)))

@@ -41,17 +41,17 @@ def calibrate(opened):
     model.failure, model.last_path, model.accepted = None, None, None
     model.revision += 1
     opened.resize(*style.WINDOW_SIZE)
-    opened.go("Calibrate")
+    opened.go("Calibration")
     opened.refresh()
     return opened
 
 
 def test_sampled_posterior_replaces_curve_and_bands(calibrate):
     """The mean with both of its bands; without a posterior the fit's own."""
-    calibrate.go("Calibrate")
+    calibrate.go("Calibration")
     calibrate.model.calibration.show(run_result())
     calibrate.refresh()
-    card = calibrate.pages["Calibrate"].curves[0]
+    card = calibrate.pages["Calibration"].curves[0]
     assert card.readout.text().endswith("(fit)")
     assert not card.wide.item.isVisible()
     fit = card.curve.y
@@ -70,13 +70,13 @@ def test_sampled_posterior_replaces_curve_and_bands(calibrate):
     wide, narrow = card.bands
     assert np.all((wide.low <= narrow.low) & (narrow.low <= card.curve.y) & (narrow.y <= wide.y))
     assert card.wide.item.isVisible()
-    assert "bands \u00b10.2 % FSO" in calibrate.pages["Calibrate"].posterior.text()
+    assert "bands \u00b10.2 % FSO" in calibrate.pages["Calibration"].posterior.text()
 
 
 def test_turning_curve_shows_its_reason_and_its_readings(calibrate):
     """A curve without an inverse: its reason and the button to the readings are under the verdict."""
-    calibrate.go("Calibrate")
-    page = calibrate.pages["Calibrate"]
+    calibrate.go("Calibration")
+    page = calibrate.pages["Calibration"]
     at_night = Warning(WarningCode.IMPORT, "", "recorded at night")
     misread = Warning(WarningCode.OUTLIER, "s1", "the reading +4.20 mm at 0 kPa is off the curve")
     whole = run_result(warnings=(at_night, misread))
@@ -93,8 +93,8 @@ def test_turning_curve_shows_its_reason_and_its_readings(calibrate):
 def test_many_warnings_scroll_below_the_figures(calibrate):
     """Forty warnings at 1280 x 800: the accept button, the verdict and the figures remain visible."""
     calibrate.resize(1280, 800)
-    calibrate.go("Calibrate")
-    page = calibrate.pages["Calibrate"]
+    calibrate.go("Calibration")
+    page = calibrate.pages["Calibration"]
     warnings = tuple(
         Warning(WarningCode.OUTLIER, "s1", f"the reading +6.86 mm at +50 kPa, unloading, cycle {i} is off the curve")
         for i in range(40)
@@ -118,11 +118,11 @@ def test_missing_readings_are_shown_in_place_of_the_curves(calibrate):
             "Choose the file of readings \u2026",
         ),
         (without_readings(0, cycles=0), "This run has no complete cycle", "Show the plan"),
-        (dataclasses.replace(without_readings(0), plateaus=0), "This run has no plateaus", "Show it on Repeat"),
+        (dataclasses.replace(without_readings(0), plateaus=0), "This run has no plateaus", "Show its cycles"),
     ):
-        calibrate.go("Calibrate")
-        page = calibrate.pages["Calibrate"]
         calibrate.model.calibration.show(run)
+        calibrate.go("Calibration")
+        page = calibrate.pages["Calibration"]
         calibrate.refresh()
         assert not any(card.isVisible() for card in page.curves)
         assert not page.actuator.view.isVisible()
@@ -135,20 +135,22 @@ def test_missing_readings_are_shown_in_place_of_the_curves(calibrate):
         assert all(card.isVisible() for card in page.curves)
 
 
-def test_run_without_plateaus_is_shown_on_the_repeat_page(calibrate):
-    """The button shows the run on the Repeat page."""
-    calibrate.go("Calibrate")
-    run = dataclasses.replace(without_readings(0), plateaus=0)
+def test_run_is_shown_by_its_kind(calibrate):
+    """A run without plateaus opens in the tab of its cycles; the button of the other tab leads there too."""
+    calibrate.go("Calibration")
+    run = dataclasses.replace(without_readings(0), plateaus=0, path="cycles.boat")
     calibrate.model.calibration.show(run)
+    assert calibrate.place == "Repeatability"
+    calibrate.go("Calibration")
     calibrate.refresh()
-    calibrate.pages["Calibrate"].missing.button.click()
-    assert (calibrate.page, calibrate.model.repeatability.result) == ("Repeat", run)
+    calibrate.pages["Calibration"].missing.button.click()
+    assert (calibrate.place, calibrate.model.repeatability.result) == ("Repeatability", run)
 
 
 def test_headline_counts_plateaus_readings_and_points(calibrate):
     """How many plateaus there are, were read and are in the curve."""
-    calibrate.go("Calibrate")
-    page = calibrate.pages["Calibrate"]
+    calibrate.go("Calibration")
+    page = calibrate.pages["Calibration"]
     for read, words in (
         (19, "19 of 37 plateaus read, all in the curve"),
         (20, "20 of 37 plateaus read, 19 in the curve"),
@@ -163,8 +165,8 @@ def test_headline_counts_plateaus_readings_and_points(calibrate):
 
 def test_new_analysis_clears_the_page(calibrate):
     """A run without readings, opened after one with, was shown with the curves of the other."""
-    calibrate.go("Calibrate")
-    page, model = calibrate.pages["Calibrate"], calibrate.model.calibration
+    calibrate.go("Calibration")
+    page, model = calibrate.pages["Calibration"], calibrate.model.calibration
     model.show(run_result())
     calibrate.refresh()
     card = page.curves[0]
@@ -188,8 +190,8 @@ def test_new_analysis_clears_the_page(calibrate):
 
 def test_failed_analysis_shows_cause_and_remedy(calibrate):
     """Both were in one line, cut with an ellipsis before the remedy, over axes from 0 to 1."""
-    calibrate.go("Calibrate")
-    model, page = calibrate.model.calibration, calibrate.pages["Calibrate"]
+    calibrate.go("Calibration")
+    model, page = calibrate.model.calibration, calibrate.pages["Calibration"]
     model.failure = RequestError("x.boat is not a recording", "Choose another one.")
     model.revision += 1
     page.refresh(calibrate.model.snapshot)
@@ -201,8 +203,8 @@ def test_uncertainty_is_drawn_over_the_range(calibrate):
     """A line for each sensor in micrometres; where no curve gives an elongation the card says so."""
     x = np.linspace(-2.7, 3.8, 41)
     u = tuple(np.column_stack([x, 0.06 + scale * (x + 2.7)]) for scale in (0.01, 0.02))
-    calibrate.go("Calibrate")
-    page = calibrate.pages["Calibrate"]
+    calibrate.go("Calibration")
+    page = calibrate.pages["Calibration"]
     calibrate.model.calibration.show(run_result(u_elongation=u))
     calibrate.refresh()
     for line, of_sensor in zip(page.uncertainty.lines, u, strict=True):

@@ -26,8 +26,8 @@ def test_tab_shows_what_was_not_assessed_with_its_reason(live):
     """A row a component, a column a sensor; the reason is the tooltip; a run without a result clears it."""
     model = live.model
     model.unit.preparation.call = lambda *_: None  # the live conversion is not looked at here
-    live.go("Calibrate")
-    page = live.pages["Calibrate"]
+    live.go("Calibration")
+    page = live.pages["Calibration"]
     voids = "the curve turns at 2.5 mm", ""
     model.calibration.show(dataclasses.replace(run_result(), uncertainty=ROWS, u_reason=voids))
     live.refresh()
@@ -44,8 +44,8 @@ def test_tab_shows_what_was_not_assessed_with_its_reason(live):
 def test_no_name_is_cut_beside_two_conditional_statements(live):
     """At 1280 x 800, with a scroll bar; a name alone in its row is in the middle of it, not at the header."""
     live.resize(1280, 800)
-    live.go("Calibrate")
-    page = live.pages["Calibrate"]
+    live.go("Calibration")
+    page = live.pages["Calibration"]
     page.tabs.setCurrentIndex(1)
     live.model.calibration.show(dataclasses.replace(run_result(), uncertainty=6 * ROWS))
     live.refresh()

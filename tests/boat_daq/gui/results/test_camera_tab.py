@@ -13,8 +13,8 @@ def test_a_run_with_a_camera_has_a_tab(live):
     """Plots, figures and delay; the next run without one hides it."""
     model = live.model
     model.unit.preparation.call = lambda *_: None  # the live conversion is not looked at here
-    live.go("Calibrate")
-    page = live.pages["Calibrate"]
+    live.go("Calibration")
+    page = live.pages["Calibration"]
     tab = page.tabs.indexOf(page.camera)
     model.calibration.show(dataclasses.replace(run_result(), camera=camera_result(camera_analysis())))
     live.refresh()

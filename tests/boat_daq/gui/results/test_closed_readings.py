@@ -8,7 +8,7 @@ import pytest
 
 from boat_daq.gui.results.closed_readings import ClosedReadings
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
-from tests.boat_daq.gui.windows import run_shortcut
+from tests.boat_daq.gui.windows import run_command, run_shortcut
 
 
 def test_readings_of_a_recording_are_edited(make, tmp_path, qtbot):
@@ -21,11 +21,11 @@ def test_readings_of_a_recording_are_edited(make, tmp_path, qtbot):
     (tmp_path / "recordings").mkdir()
     path = Path(shutil.copy(sample, tmp_path / "recordings" / "older.boat"))
     window = make(RecordedSession(connected(), filled_ring(10.0)))
-    window.go("Runs")
-    page = window.pages["Runs"]
+    window.go("Recordings")
+    page = window.pages["Recordings"]
     qtbot.waitUntil(lambda: (window.refresh(), page.list.rowCount())[1] == 1, timeout=20_000)
     qtbot.waitUntil(lambda: (window.refresh(), page.offers("readings"))[1], timeout=20_000)  # the newest is selected
-    run_shortcut(window, "Ctrl+Alt+E")
+    run_command(window, "Correct its readings …")
     before = ClosedRun(path).readings()
     (panel,) = window.findChildren(ClosedReadings)
     model = panel.table.model

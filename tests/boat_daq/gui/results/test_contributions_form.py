@@ -19,8 +19,8 @@ from tests.boat_daq.gui.windows import run_shortcut
 def test_contribution_is_stated_refused_at_its_field_and_undone(live, monkeypatch):
     """From the page's button: a wrong k is refused beside it, a right one stored, the run analysed again; Ctrl+Z."""
     model, again = live.model.calibration, []
-    live.go("Calibrate")
-    page = live.pages["Calibrate"]
+    live.go("Calibration")
+    page = live.pages["Calibration"]
     page.tabs.setCurrentIndex(1)
     assert not page.contributions.isEnabled()
     model.show(dataclasses.replace(run_result(), traceability=traceability(())))

@@ -31,11 +31,11 @@ def window_of(live, tmp_path):
     windows, settled = [], []
 
     def make(found: DynamicCalibration | None, failed: str = "") -> DynamicsWindow:
-        live.go("Runs")
+        live.go("Recordings")
         settling = tolerance_choice(live.model.services, "the tolerance of settling", SUGGESTED, settled.append)
         path, report = tmp_path / "steps.boat", lambda target: None
         model = SimpleNamespace(found=found, failed=failed, path=path, report=report, settling=settling)
-        windows.append(DynamicsWindow(live, model, live.model.services, live.pages["Runs"].history))
+        windows.append(DynamicsWindow(live, model, live.model.services, live.pages["Recordings"].history))
         windows[-1].show()
         windows[-1].timerEvent()
         return windows[-1]

@@ -61,7 +61,7 @@ def test_dropped_csv_is_imported_by_its_columns(drop, tmp_path):
     window.refresh()
     assert (window.model.runs.folder / "lab.boat").is_file()
     assert not panel.isVisible()
-    assert window.page == "Runs"
+    assert window.page == "Recordings"
     notice = window.model.notices.current()
     assert (notice.cause, notice.action_text) == ("Imported as lab.boat", "Calibrate")
 
@@ -75,7 +75,7 @@ def test_dropped_file_is_opened_by_its_kind(drop, tmp_path, monkeypatch):
     window = drop()
     monkeypatch.setattr(window.model.calibration, "analyse", analysed.append)
     drop(recording)
-    assert (analysed, window.page) == ([recording], "Calibrate")
+    assert (analysed, window.place) == ([recording], "Calibration")
     drop(plan, profile)
     assert window.model.sequence.plan.cycles == 3
     assert window.live.pane.currentWidget() is window.live.plan

@@ -30,8 +30,8 @@ def test_one_plot_shows_a_figure_of_every_cycle_with_its_run(live):
     why = "Sensor 1: a single cycle has a hysteresis of 5.42 % FSO (median), the mean loop 4.97 % FSO."
     made = run_result()
     known = dataclasses.replace(made.sensors[0].cycles, whole=whole, ends=ends, why_above=why)
-    live.go("Repeat")
-    page = live.pages["Repeat"]
+    live.go("Repeatability")
+    page = live.pages["Repeatability"]
     live.model.repeatability.show(
         dataclasses.replace(made, sensors=(dataclasses.replace(made.sensors[0], cycles=known),))
     )
@@ -58,8 +58,8 @@ def test_interruption_is_drawn_and_tested(live):
     """A line at the break and the tests in their own tab; gone with the next run."""
     rows = (("Sensor 1: span (mV)", "256 (n = 4)", "251 (n = 4)", "▲ 0.0004", "0.3"),)
     broken = run_result(breaks=(BreakResult(4.5, "the run was broken after 4 cycles (interrupted)", rows),))
-    live.go("Repeat")
-    page = live.pages["Repeat"]
+    live.go("Repeatability")
+    page = live.pages["Repeatability"]
     live.model.repeatability.show(broken)
     live.refresh()
     choose(page, "Sensitivity")
@@ -77,8 +77,8 @@ def test_interruption_is_drawn_and_tested(live):
 def test_what_the_run_has_reached_is_shown_in_a_line(live, width):
     """Whole at both widths; without an interval no space is left for it."""
     live.resize(width, 800)
-    live.go("Repeat")
-    page = live.pages["Repeat"]
+    live.go("Repeatability")
+    page = live.pages["Repeatability"]
     live.model.repeatability.show(run_result(drift_half=0.42, spread_half=0.13))
     live.refresh()
     assert page.known.text().endswith("drift ±0.42 % FSO per 100 cycles, repeatability ±0.13 % FSO")
@@ -92,8 +92,8 @@ def test_what_the_run_has_reached_is_shown_in_a_line(live, width):
 def test_every_sensor_is_drawn(live, sensors):
     """One to four sensors: a loop plot and a symbol each; those of the run before are gone."""
     whole = run_result()
-    live.go("Repeat")
-    page, (first, *_) = live.pages["Repeat"], whole.sensors
+    live.go("Repeatability")
+    page, (first, *_) = live.pages["Repeatability"], whole.sensors
     live.model.repeatability.show(whole)
     live.refresh()
     loops = dataclasses.replace(whole.loops, signal_mv=(whole.loops.signal_mv[0],) * sensors)
@@ -112,8 +112,8 @@ def test_every_sensor_is_drawn(live, sensors):
 def test_missing_cycles_are_shown_in_place_of_the_plots(live):
     """No run, a run without a complete cycle, one that cannot be read: text and the next step, no empty axes."""
     app_model, model = live.model, live.model.repeatability
-    live.go("Repeat")
-    page = live.pages["Repeat"]
+    live.go("Repeatability")
+    page = live.pages["Repeatability"]
     live.refresh()
     assert page.missing.title.text() == "No repeatability run yet"
     model.show(dataclasses.replace(run_result(), cycles=0, partial=1))
@@ -132,8 +132,8 @@ def test_missing_cycles_are_shown_in_place_of_the_plots(live):
 
 def test_figure_without_cycles_is_shown_as_text(live):
     """Without hysteresis in any cycle a text replaces the plot; another figure is drawn."""
-    live.go("Repeat")
-    page = live.pages["Repeat"]
+    live.go("Repeatability")
+    page = live.pages["Repeatability"]
     whole = run_result()
     none = dataclasses.replace(whole.sensors[0].cycles, hysteresis_percent_fso=np.full(CYCLES, np.nan))
     sensors = tuple(dataclasses.replace(s, cycles=none) for s in whole.sensors)

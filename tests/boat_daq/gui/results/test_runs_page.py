@@ -1,4 +1,4 @@
-"""The buttons of the Runs page, pressed: what they make is on the disk or on the page."""
+"""The buttons and the menu of the page Recordings, used: what they make is on the disk or on the page."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from boat_daq.gui.widgets.text_dialog import TextDialog
 from boat_daq.viewmodels.results import runs as runs_model
 from boat_daq.viewmodels.results.run_entry import RUN_HEADINGS, read_run
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
-from tests.boat_daq.gui.windows import NARROW, PATIENCE_MS, SAMPLE, run_shortcut
+from tests.boat_daq.gui.windows import NARROW, PATIENCE_MS, SAMPLE, run_command, run_shortcut
 from tests.boat_daq.viewmodels.helpers import DirectJob
 
 
 @pytest.fixture
 def runs(make, tmp_path, qtbot):
-    """The Runs page over two recordings, both listed."""
+    """The page Recordings over two recordings, both listed."""
     folder = tmp_path / "recordings"
     folder.mkdir()
     for name in ("first", "second"):
         shutil.copy(SAMPLE, folder / f"{name}.boat")
     window = make(RecordedSession(connected(), filled_ring(10.0)))
-    window.go("Runs")
-    page = window.pages["Runs"]
+    window.go("Recordings")
+    page = window.pages["Recordings"]
     qtbot.waitUntil(lambda: (window.refresh(), page.list.rowCount())[1] == 2, timeout=PATIENCE_MS)
     return window, page
 
@@ -112,11 +112,11 @@ def test_two_runs_are_compared(runs, qtbot):
     """Compare takes two lines, and shows each curve less the first one's."""
     window, page = runs
     choose(page, 0)
-    assert not page.buttons["compare"].isEnabled()
+    assert not page.offers("compare")
     choose(page, 0, 1)
-    assert page.buttons["compare"].isEnabled()
+    assert page.offers("compare")
     assert not page.buttons["export"].isEnabled()
-    page.buttons["compare"].click()
+    page.press("compare")
     wait(window, qtbot, "compare")
     assert page.compare_card.isVisible()
     assert page.compare_card.readout.text().count("first") == page.compare_card.readout.text().count("second") == 1
@@ -125,8 +125,8 @@ def test_two_runs_are_compared(runs, qtbot):
 
 def test_every_sensor_is_compared_and_has_its_history(live, monkeypatch):
     """One plot and one symbol a sensor, however many the runs before had."""
-    live.go("Runs")
-    page, line = live.pages["Runs"], (np.array([0.0, 1.0]), np.array([0.0, 2.0]))
+    live.go("Recordings")
+    page, line = live.pages["Recordings"], (np.array([0.0, 1.0]), np.array([0.0, 2.0]))
     for sensors in (4, 1, 3):
         monkeypatch.setattr(page.model, "comparison_lines", lambda n=sensors: ([[line, line]] * n, "1: a   2: b"))
         monkeypatch.setattr(page.model, "sensitivities", lambda unit, n=sensors: [line] * n)
@@ -140,23 +140,23 @@ def test_every_sensor_is_compared_and_has_its_history(live, monkeypatch):
 
 
 def test_replay_uses_the_chosen_speed(runs):
-    """Replay opens the recording at the speed that was chosen, and shows the live page."""
+    """Replay opens the recording at the speed that was chosen, and shows the page Measure."""
     window, page = runs
     choose(page, 1)
     path, requested = page.selected()[0].path, []
     window.model.session.connect = lambda url, **more: requested.append(url)
-    page.buttons["replay"].menu().actions()[2].trigger()
+    page.press("replay", 2)
     assert requested == [f"replay:{path}@20"]
-    assert window.page == "Live"
+    assert window.page == "Measure"
 
 
 def test_page_key_focuses_the_list_with_the_newest_run_chosen(runs):
-    """After Ctrl+4 it took five Tabs to the list, where nothing was chosen and every button was grey."""
+    """After the key of the page it took five Tabs to the list, where nothing was chosen and every button was grey."""
     window, page = runs
     assert [run.path for run in page.selected()] == [window.model.runs.runs[0].path]
     assert page.buttons["open"].isEnabled()
-    window.go("Live")
-    run_shortcut(window, "Ctrl+4")
+    window.go("Measure")
+    run_shortcut(window, "Ctrl+3")
     assert window.focusWidget() is page.list
     QTest.keyClick(page.list, Qt.Key.Key_Down)
     assert [run.path for run in page.selected()] == [window.model.runs.runs[1].path]
@@ -170,14 +170,14 @@ def test_unavailable_command_reports_its_reason(runs):
     """Before, its menu entry was grey without a reason, and its key did nothing."""
     window, page = runs
     choose(page, 0)
-    for go_to, remedy in (("Runs", "two to four"), ("Live", "Go to the Runs page")):
+    for go_to, remedy in (("Recordings", "two to four"), ("Measure", "Go to the page Recordings")):
         window.go(go_to)
-        run_shortcut(window, "Ctrl+Alt+M")
+        run_command(window, "Compare the selected runs")
         notice = window.model.notices.current()
         assert "Compare the selected runs" in notice.cause
         assert remedy in notice.remedy
         window.commands.refresh()
-        entry = next(a for c, a in window.commands.actions.items() if c.shortcut == "Ctrl+Alt+M")
+        entry = next(a for c, a in window.commands.actions.items() if c.text == "Compare the selected runs")
         assert not entry.isEnabled()
         assert remedy in entry.toolTip()
 
@@ -187,15 +187,15 @@ def test_list_fits_the_window(live, qtbot):
     live.model.services.recordings.mkdir()
     shutil.copy(SAMPLE, live.model.services.recordings)
     live.resize(853, 533)
-    live.go("Runs")
+    live.go("Recordings")
 
     def listed() -> bool:
         live.refresh()
-        return live.pages["Runs"].list.rowCount() > 0
+        return live.pages["Recordings"].list.rowCount() > 0
 
     qtbot.waitUntil(listed, timeout=PATIENCE_MS)
-    qtbot.waitUntil(lambda: live.scrolls["Runs"].horizontalScrollBar().maximum() == 0, timeout=PATIENCE_MS)
-    assert live.pages["Runs"].buttons["report"].isVisible()
+    qtbot.waitUntil(lambda: live.scrolls["Recordings"].horizontalScrollBar().maximum() == 0, timeout=PATIENCE_MS)
+    assert live.pages["Recordings"].buttons["report"].isVisible()
 
 
 def test_open_recording_keeps_its_place(live, qtbot):
@@ -223,8 +223,8 @@ def test_selection_survives_a_new_list(live, qtbot):
     live.model.services.recordings.mkdir()
     for name in "abc":
         shutil.copy(SAMPLE, live.model.services.recordings / f"{name}.boat")
-    live.go("Runs")
-    page, runs = live.pages["Runs"], live.model.runs
+    live.go("Recordings")
+    page, runs = live.pages["Recordings"], live.model.runs
     qtbot.waitUntil(lambda: (live.refresh(), page.list.rowCount())[1] == 3, timeout=PATIENCE_MS)
     page._choose([0, 1])
     chosen = [run.path.name for run in page.selected()]
@@ -233,7 +233,7 @@ def test_selection_survives_a_new_list(live, qtbot):
     runs.revision += 1
     page.refresh(live.model.snapshot)
     assert sorted(run.path.name for run in page.selected()) == sorted(chosen)
-    assert page.buttons["compare"].isEnabled()
+    assert page.offers("compare")
     control = Qt.Key.Key_Control, Qt.KeyboardModifier.ControlModifier
     QTest.keyPress(page, *control)  # Qt's `selectRow` would toggle now
     assert QApplication.keyboardModifiers() == Qt.KeyboardModifier.ControlModifier
@@ -247,13 +247,13 @@ def test_narrow_list_does_not_scroll_sideways(live, qtbot):
     """At 853 px (150 % on 1280) the last columns were out of sight."""
     live.model.services.recordings.mkdir()
     shutil.copy(SAMPLE, live.model.services.recordings / "SA1_2026-11-21_223500.boat")
-    live.go("Runs")
+    live.go("Recordings")
     live.model.runs.scan()
-    qtbot.waitUntil(lambda: (live.refresh(), live.pages["Runs"].list.rowCount())[1] == 1, timeout=PATIENCE_MS)
+    qtbot.waitUntil(lambda: (live.refresh(), live.pages["Recordings"].list.rowCount())[1] == 1, timeout=PATIENCE_MS)
     for width, thumbnail in ((853, THUMBNAIL[0] // 2), (1280, THUMBNAIL[0])):
         live.resize(width, 500)
         QApplication.processEvents()
-        table = live.pages["Runs"].list
+        table = live.pages["Recordings"].list
         assert table.columnWidth(0) == thumbnail
         assert table.horizontalScrollBar().maximum() == 0
         assert table.columnWidth(len(RUN_HEADINGS) - 1) >= THUMBNAIL[0] // 4
@@ -278,7 +278,7 @@ def test_list_shows_how_each_run_ended(tmp_path, status, reason, words):
 
 
 def listed(window, names):
-    """The Runs page over made-up runs: their worst case, without a folder that is read."""
+    """The page Recordings over made-up runs: their worst case, without a folder that is read."""
     run = read_run(SAMPLE)
     broken = dataclasses.replace(run.summary, status="interrupted", stop_reason=None, run_end=None, steps=3)
     damaged = dataclasses.replace(run, summary=None, problem="/a/long/way/to/x.boat cannot be read: it is malformed")
@@ -286,9 +286,9 @@ def listed(window, names):
     window.model.runs.runs = [dataclasses.replace(made[0], summary=broken), damaged, *made[1:]]
     window.model.runs.scan = lambda: None
     window.model.runs.revision += 1
-    window.go("Runs")
+    window.go("Recordings")
     QApplication.processEvents()
-    return window.pages["Runs"]
+    return window.pages["Recordings"]
 
 
 def test_narrow_list_reports_the_columns_left_out(live):
@@ -299,13 +299,13 @@ def test_narrow_list_reports_the_columns_left_out(live):
         choose(page, 0)
         QApplication.processEvents()
         table = page.list
-        assert live.scrolls["Runs"].horizontalScrollBar().maximum() == 0
+        assert live.scrolls["Recordings"].horizontalScrollBar().maximum() == 0
         assert table.horizontalScrollBar().maximum() == 0
         assert table.columnWidth(RUN_HEADINGS.index("File")) >= table.fontMetrics().horizontalAdvance(
             "20261121-221530_SA1.boat"
         )
         assert table.isColumnHidden(RUN_HEADINGS.index("Readings")) is (width < 1000)
-        assert all(page.buttons[key].isVisible() for key in ("resume", "recover"))
+        assert all(page.offers(key) for key in ("resume", "recover"))
         assert "37 readings" in page.details.text()
         choose(page, 1)
         assert "malformed" in page.details.text()
@@ -338,7 +338,7 @@ def test_rename_and_note_are_undone(runs, qtbot):
     """Both by their panels; the line keeps its choice, the search finds the note; undo restores name and note."""
     window, page = runs
     choose(page, 1)
-    page.buttons["note"].click()
+    page.press("note")
     dialog = window.findChild(TextDialog)
     assert not dialog.isModal()
     QTest.keyClicks(dialog.field, "tube replaced")
@@ -353,7 +353,7 @@ def test_rename_and_note_are_undone(runs, qtbot):
     until(("first.boat", "tube replaced"))
     assert "tube replaced" in page.details.text()
     assert page.selected()[0].matches("TUBE")
-    page.buttons["rename"].click()
+    page.press("rename")
     dialog = window.findChildren(TextDialog)[-1]
     dialog.field.setText("second")
     dialog.button.click()
@@ -368,8 +368,8 @@ def test_rename_and_note_are_undone(runs, qtbot):
     until(("first.boat", read_run(SAMPLE).note))
 
 
-def test_damaged_recording_is_recovered_by_a_button(live, qtbot, monkeypatch):
-    """It is listed with its cause, and the button saves what can be read into another file, which is then chosen."""
+def test_damaged_recording_is_recovered_by_the_menu(live, qtbot, monkeypatch):
+    """It is listed with its cause, and the menu saves what can be read into another file, which is then chosen."""
     folder = live.model.services.recordings
     folder.mkdir()
     path = Path(shutil.copy(SAMPLE, folder / "torn.boat"))
@@ -378,12 +378,12 @@ def test_damaged_recording_is_recovered_by_a_button(live, qtbot, monkeypatch):
     path.write_bytes(content)
     entry = read_run(path)
     monkeypatch.setattr(runs_model, "Job", DirectJob)
-    live.go("Runs")
-    page = live.pages["Runs"]
+    live.go("Recordings")
+    page = live.pages["Recordings"]
     qtbot.waitUntil(lambda: (live.refresh(), page.list.rowCount())[1] == 1, timeout=PATIENCE_MS)
     assert (entry.summary, entry.damaged, page.offers("recover")) == (None, True, True)
     assert entry.problem in page.details.text()
-    page.buttons["recover"].click()
+    page.press("recover")
     qtbot.waitUntil(lambda: (live.refresh(), page.list.rowCount())[1] == 2, timeout=PATIENCE_MS)
     assert [(run.path.name, run.closed) for run in page.selected()] == [("torn.salvaged.boat", True)]
     assert "without what cannot be read" in live.model.notices.history[-1].cause

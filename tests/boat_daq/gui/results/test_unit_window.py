@@ -19,8 +19,8 @@ def window_of(live, found) -> UnitWindow:
         found=found, failed="", title="SA1  SIMULATED", name="SA1", units=SimpleNamespace(simulated=True),
         report=lambda target: None,
     )  # fmt: skip
-    live.go("Runs")
-    window = UnitWindow(live, model, live.model.services, live.pages["Runs"].history)
+    live.go("Recordings")
+    window = UnitWindow(live, model, live.model.services, live.pages["Recordings"].history)
     window.timerEvent()
     return window
 
@@ -49,7 +49,7 @@ def test_unit_without_calibration_shows_the_reason(live):
     assert window.due.text() == "SA1 has no accepted calibration yet"
     assert not window.save.isEnabled()
     window.close()
-    page = live.pages["Runs"]
+    page = live.pages["Recordings"]
     page.units.clearSelection()
     page._enable()
     assert not page.over_time.isEnabled()

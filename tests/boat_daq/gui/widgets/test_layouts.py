@@ -11,7 +11,7 @@ from tests.boat_daq.gui.windows import PATIENCE_MS
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("name", ["Calibrate", "Repeat", "Runs"])
+@pytest.mark.parametrize("name", ["Calibration", "Repeatability", "Recordings"])
 def test_empty_page_never_scrolls(empty, qtbot, name):
     """An empty Calibrate page used to require the height of the filled one behind it."""
     empty.resize(853, 533)

@@ -16,18 +16,15 @@ import numpy.typing as npt
 import pandas as pd
 
 from protocol.base.arrays import BoolArray, FloatArray
+from protocol.base.clock_wraps import NEAR_WRAP, usual_wraps, wrap_between
 
 DAY_S = 86_400.0
 FASTEST_HZ = 1e6
 LONGEST_RUN_S = 366 * DAY_S
-NEAR_WRAP = 4.5  # sampling intervals between the samples around a wrap, at most
 FEWEST = 10  # samples by which a clock can be judged
 COARSE = 0.5  # share of the rows that repeat a stamp, from which it is coarser than the sampling
 SPARSE = 0.67  # share of the rows with a value, up to which a column has a lower rate
 REGULAR = 0.9  # share of its intervals that are alike
-_DURATIONS = (60.0, 3600.0, DAY_S / 2, DAY_S)  # s
-_POWERS = (2**16, 2**24, 2**31, 2**32)  # of ticks of the file's own unit
-_DECIMALS = (100, 1000, 10_000, 100_000, 1_000_000)
 
 _TIME = r"(?P<h>\d{1,2}):(?P<m>\d{2})(?::(?P<s>\d{2}(?:[.,:]\d+)?))?(?:\s*(?P<half>[AaPp])\.?[Mm]\.?)?"
 _ZONE = r"\s*(?P<zone>Z|UTC|GMT|[+-]\d{2}:?\d{2})?"
@@ -196,11 +193,9 @@ def unwrapped(time_s: FloatArray, factor: float) -> tuple[FloatArray, float] | N
     if not falls.size or not rising.size:
         return None
     interval = float(np.median(rising))
-    before, after = time_s[known[falls]], time_s[known[falls + 1]]
-    wraps = {float(wrap) for wrap in (*_DURATIONS, *(n * factor for n in (*_POWERS, *_DECIMALS)))}
-    for wrap in sorted(wraps):
-        missing = wrap + after - before
-        if wrap > 8 * interval and ((missing > 0) & (missing <= NEAR_WRAP * interval)).all() and before.max() < wrap:
+    pairs = list(zip(time_s[known[falls]].tolist(), time_s[known[falls + 1]].tolist(), strict=True))
+    for wrap in usual_wraps(factor, decimals=True):
+        if all(wrap_between(before, after, interval, (wrap,)) for before, after in pairs):
             result = time_s.copy()
             result[known] += wrap * np.concatenate(([0], np.cumsum(steps < 0)))
             return result, wrap

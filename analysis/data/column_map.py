@@ -16,8 +16,8 @@ from analysis.data.clocks import read_stamps
 from analysis.data.column_names import (
     OTHER_SIGNALS,
     SENSORS_IN_A_RECORDING,
+    absolute_unit,
     guess_unit,
-    is_absolute,
     is_signal,
     our_name,
     recognised,
@@ -298,10 +298,10 @@ def _with_unit(table: Table, name: str, position: int, unit: str, warnings: list
         return Column(position, unit, known.factor)
     if not (is_signal(name) or name.endswith(("_kpa", "_s", "_mm"))) or name.endswith(("_lit", "_dark")):
         return Column(position)
-    if unit and name.endswith("_kpa") and is_absolute(unit):
+    if unit and name.endswith("_kpa") and absolute_unit(unit):
         raise RequestError(
             f"column {table.names[position]!r} is an absolute pressure ({unit})",
-            f"Map it less the ambient pressure: --map {name}={position + 1}-AMBIENT:{unit.rstrip('abs() ')}.",
+            f"Map it less the ambient pressure: --map {name}={position + 1}-AMBIENT:{absolute_unit(unit)}.",
         )
     if unit:
         raise RequestError(

@@ -93,11 +93,11 @@ def known_unit(text: str) -> bool:
     return bool(text.strip()) and (_gauge_unit(text) is not None or text.strip().lower() in _NO_QUANTITY)
 
 
-def is_absolute(text: str) -> bool:
-    """Return whether a text is a unit of absolute pressure: psia, bar(a), kPa abs."""
+def absolute_unit(text: str) -> str:
+    """Return the unit of an absolute pressure, as psi of psia, bar(a) or kPa abs; empty for any other text."""
     bare = _ABSOLUTE.sub("", text.strip())
     found = find_unit(bare) if bare != text.strip() and find_unit(text) is None else None
-    return found is not None and found.quantity == "pressure"
+    return found.symbol if found is not None and found.quantity == "pressure" else ""
 
 
 def _gauge_unit(text: str) -> MeasurementUnit | None:
@@ -140,7 +140,7 @@ def _split_tail(title: str) -> tuple[str, str]:
         if len(parts) <= n:
             continue
         tail = text[text.rindex(parts[-n]) :]
-        if known_unit(tail) or is_absolute(tail):
+        if known_unit(tail) or absolute_unit(tail):
             head = text[: -len(tail)].rstrip(" _,;/")
             return re.sub(r"\s+in$", "", head), tail
     return text, ""

@@ -12,7 +12,7 @@ import io
 import math
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO
@@ -25,6 +25,7 @@ from protocol.base.errors import FileError
 MAX_LINE_BYTES = 1 << 20
 MAX_COLUMNS = 1000
 HEAD_LINES = 300
+_BELOW = 5  # rows below a title that tell it
 MAX_QUOTED_LINES = 20  # a longer quoted cell is a lone quotation mark
 
 # in order of preference where two explain a file equally well
@@ -182,7 +183,7 @@ def _dialect(lines: list[tuple[int, str]], encoding: str, separator: str, decima
     above: list[list[str]] = []
     comments: list[str] = []
     data_line, bare_end = 0, False
-    for at, line in lines:
+    for number_of, (at, line) in enumerate(lines):
         if is_comment(line):
             if line.strip():
                 bare = line.lstrip("\ufeff")
@@ -190,7 +191,11 @@ def _dialect(lines: list[tuple[int, str]], encoding: str, separator: str, decima
                 comments.append(whole.strip().lstrip("".join(COMMENTS)).strip())
             continue
         cells = cells_of(line.lstrip("\ufeff"), separator)
-        if len(cells) == width and _is_data(cells, decimal):
+        if (
+            len(cells) == width
+            and _is_data(cells, decimal)
+            and not _is_title(cells, lines[number_of + 1 :], separator, decimal)
+        ):
             data_line, bare_end = at, not cells[-1].strip()
             break
         above.append(cells)
@@ -201,6 +206,14 @@ def _dialect(lines: list[tuple[int, str]], encoding: str, separator: str, decima
         titles = [cells for cells in commented if any(number(cell, decimal) is None for cell in cells)] or titles
     header, units = _header(titles)
     return Dialect(encoding, separator, decimal, data_line, header, units, tuple(comments), width)
+
+
+def _is_title(cells: list[str], below: Sequence[tuple[int, str]], separator: str, decimal: str) -> bool:
+    """Return whether a row with numbers has a word where all of the next rows have numbers: a title such as 3."""
+    words = [k for k, cell in enumerate(cells) if not _is_value(cell, decimal)]
+    rows = [cells_of(line, separator) for _, line in below[:_BELOW] if not is_comment(line)]
+    rows = [row for row in rows if len(row) == len(cells)]
+    return bool(rows) and any(all(row[k].strip() and _is_value(row[k], decimal) for row in rows) for k in words)
 
 
 def _cells_of_comment(text: str, separator: str, width: int) -> list[str]:

@@ -34,6 +34,7 @@ from protocol.base.errors import BoatDaqError, DeviceError
 from protocol.recording import BoardState
 
 _POLL_S = 0.1
+SILENT_S = 2.0  # that a board may be silent at the end of a recording of a stated duration
 CLEARING_S = 3.0
 _VENTING_S = 20.0
 MARKS_S = 10.0  # longest wait for the marks in the picture
@@ -245,14 +246,22 @@ def _follow(
 
 
 def _listen(session: Session, duration_s: float | None, notify: Notify, progress_bar: ProgressBar) -> None:
-    """Record until `duration_s` of board time, or until the port is gone."""
-    begun = session.snapshot().recorded_s
+    """Record until `duration_s` of board time, or of this computer's where the board restarts or is silent.
+
+    It also ends where the port is gone.
+    """
+    begun, started_s, reached = session.snapshot().recorded_s, time.monotonic(), 0.0
+    late_s = SILENT_S
     with progress_bar("recording") as advance:
         for seen in _snapshots(session, MessagePrinter(notify)):
             elapsed = seen.recorded_s - begun
-            if duration_s is not None:
-                advance(min(elapsed, duration_s), duration_s)
-            if seen.link in (LinkState.FAILED, LinkState.CLOSED) or (duration_s is not None and elapsed >= duration_s):
+            late_s, reached = (0.0 if elapsed < reached else late_s), max(elapsed, reached)
+            if seen.link in (LinkState.FAILED, LinkState.CLOSED):
+                return
+            if duration_s is None:
+                continue
+            advance(min(reached, duration_s), duration_s)
+            if elapsed >= duration_s or time.monotonic() - started_s >= duration_s + late_s:
                 return
 
 

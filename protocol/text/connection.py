@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from protocol.base.arrays import FloatArray
+from protocol.base.clock_wraps import usual_wraps, wrap_between
 from protocol.base.errors import RequestError
 from protocol.link import messages
 from protocol.link.events import BoardRestarted, CommandDone, CommandLost, HelloReceived, LinkEvent, LinkStatistics
@@ -47,6 +49,8 @@ class TextConnection:
         else:
             self._reader = LineReader(profile.format, first_is_whole="start" in profile.templates)
         self._stream = _make_stream(profile)
+        time = profile.column("time")
+        self._clock = _Clock(time.factor) if time is not None and not time.wraps_at else None
         self._seq = 0
         self._number = 0
         self._factors, self._offsets = np.array([(c.factor, c.offset) for c in profile.columns]).T
@@ -64,6 +68,8 @@ class TextConnection:
             self._reader.restore(decoder_state["reader"])
             self._stream.restore(decoder_state["samples"], self._dtype)
             self._number = decoder_state["number"]
+            if self._clock is not None and "clock" in decoder_state:  # not in recordings of older versions
+                self._clock.state = list(decoder_state["clock"])
 
     @property
     def statistics(self) -> LinkStatistics:
@@ -79,7 +85,8 @@ class TextConnection:
 
     def decoder_state(self) -> dict[str, Any]:
         """Return the decoder's memory of the bytes so far, ready for JSON; see `Link`."""
-        return {"reader": self._reader.state(), "samples": self._stream.state(), "number": self._number}
+        clock = {} if self._clock is None else {"clock": self._clock.state}
+        return {"reader": self._reader.state(), "samples": self._stream.state(), "number": self._number, **clock}
 
     def send(self, command: Command, now_ns: int) -> bytes:
         """Return the text of a command; empty if none is needed. RequestError: the profile cannot command pressure."""
@@ -156,6 +163,8 @@ class TextConnection:
         self._reader.malformed += int((~possible).sum())
         values, used = values[possible], len(self.profile.columns) - len(self.channels)
         columns = dict(zip((column.name for column in self.profile.columns[:used]), values.T, strict=False))
+        if self._clock is not None and len(values):
+            columns["time"] = self._clock.unwrapped(columns["time"])
         rows = np.zeros(len(values), self._dtype)
         rows["host_ns"] = now_ns
         rows["pressure_pa"] = columns["pressure"]
@@ -170,6 +179,32 @@ class TextConnection:
             rows["channel"] = values[:, used:]
         rows["flags"][implausible(rows, self.profile.adc_bits)] |= np.uint16(SampleFlag.IMPLAUSIBLE)
         return rows
+
+
+class _Clock:
+    """A clock whose wrap the profile does not state; `state` : time added, the last time as sent, the last step, us."""
+
+    def __init__(self, tick_us: float) -> None:
+        self._wraps = [1e6 * wrap for wrap in usual_wraps(tick_us / 1e6)]
+        self.state = [0.0, 0.0, 0.0]
+
+    def unwrapped(self, raw_us: FloatArray) -> FloatArray:
+        """Return times as sent on a clock that does not wrap."""
+        added, last, step = self.state
+        steps = np.diff(raw_us, prepend=last)
+        if (steps >= 0).all():
+            self.state = [added, float(raw_us[-1]), float(steps[-1]) or step]
+            return raw_us + added
+        times = []
+        for raw in raw_us.tolist():
+            if raw < last and (wrap := wrap_between(last, raw, step, self._wraps)):
+                added += wrap
+            elif raw > last:
+                step = raw - last
+            last = raw
+            times.append(raw + added)
+        self.state = [added, last, step]
+        return np.asarray(times)
 
 
 def _bounds(column: ProfileColumn) -> tuple[float, float, bool, bool]:

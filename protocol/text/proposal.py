@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from protocol.base.clock_wraps import usual_wraps, wrap_between
 from protocol.base.errors import ProfileError
 from protocol.base.units import find_unit
 from protocol.text.readers import CHECKSUMS, LINE_MAX, checked, hexadecimal, json_values
@@ -26,6 +27,7 @@ PACKETS_FEWEST = 8
 PACKET_BYTES_MAX = 20_000
 CONSTANT = 0.98  # of the packets have the same byte there
 ENOUGH = 0.8  # of the lines, that a syntax must fit
+LEAST_WRAP = 256  # that a profile may state
 LONG_STEP = 5  # medians: a longer step of time is a gap
 NEARLY_ALL = 0.95  # of the texts of a column
 _FEWEST = 3  # lines from which a syntax can be told
@@ -74,13 +76,14 @@ class ProposedField:
     suffix: str = ""
     signed: bool = False
     scale: float = 1.0
+    wraps_at: int | None = None
     guessed: bool = False
     examples: tuple[str, ...] = ()
 
     def table(self, *, labelled: bool) -> dict[str, Any]:
         """Return the field as a table of a profile, without what is usual."""
         usual = ProposedField("", "")
-        keys = ("unit", "base", "suffix", "signed", "scale")
+        keys = ("unit", "base", "suffix", "signed", "scale", "wraps_at")
         stated = {key: getattr(self, key) for key in keys if getattr(self, key) != getattr(usual, key)}
         return {"name": self.name, **({"label": self.label} if labelled else {}), **stated}
 
@@ -461,7 +464,21 @@ def _with_units(field: ProposedField, values: np.ndarray[Any, Any] | None, rate_
         guessed = True
     digits = max((len(text.lower().removeprefix("0x")) for text in field.examples), default=0)
     signed = field.base == 16 and field.name == "pressure" and bool((values >= 1 << 4 * digits - 1).any())
-    return replace(field, unit=unit, guessed=guessed, signed=signed)
+    wraps_at = _wraps_at(unit, values) if field.name == "time" else None
+    return replace(field, unit=unit, guessed=guessed, signed=signed, wraps_at=wraps_at)
+
+
+def _wraps_at(unit: str, values: np.ndarray[Any, Any]) -> int | None:
+    """Return the number at which a time began again, or a counter of 32 bits will; None where it has no such."""
+    steps = np.diff(values)
+    interval = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    for at in np.flatnonzero(steps < 0):
+        wraps = [wrap / TIME_UNITS[unit] for wrap in usual_wraps(TIME_UNITS[unit], decimals=True)]
+        wrap = wrap_between(float(values[at]), float(values[at + 1]), interval, wraps)
+        if wrap is not None and wrap >= LEAST_WRAP:
+            return round(wrap)
+    counter = unit in ("ms", "us") and bool((values == np.rint(values)).all()) and values.max() < 1 << 32
+    return 1 << 32 if counter else None
 
 
 def _with_device(proposal: Proposal, values: Sequence[np.ndarray[Any, Any] | None], rate_by_host: float) -> Proposal:

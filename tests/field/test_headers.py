@@ -1,0 +1,104 @@
+"""Headers, units and preambles of other programs; the choice of columns by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis.data.csv_import import import_csv, preview
+from protocol.base.errors import BoatDaqError
+from tests.field.truth import Lines, Run, is_the_truth, put
+
+FOLDER = {
+    "m07_9_sensors": "9 sensors, of which a recording holds 8: s9_mv left out",
+    "m07_12_sensors": "s9_mv, s10_mv, s11_mv, s12_mv left out",
+    "m12_nul_lines": "NUL bytes left out",
+    "m12_nul_tail": "512 NUL bytes left out",
+    "m19_unit_psig": "",
+    "m19_unit_kPag": "",
+    "m19_unit_barg": "",
+    "m19_unit_kgfcm2": "",
+    "m19_unit_cmH2O": "",
+    "m19_savetxt": "",
+    "m19_percent": "",
+}
+
+
+@pytest.mark.parametrize("name", FOLDER)
+def test_the_cases_of_the_folder(cases: Path, name: str) -> None:
+    """Each gives the figures of the reference, and what was left out is said."""
+    is_the_truth(cases / f"{name}.csv", FOLDER[name])
+
+
+def test_words_for_units(cases: Path) -> None:
+    """Second and Volt are units; the transducer's 10 kPa a volt are stated by hand."""
+    path = cases / "m19_words_for_units.csv"
+    with pytest.raises(BoatDaqError, match="no column was recognised as pressure_kpa"):
+        import_csv(path)
+    is_the_truth(path, columns={"pressure_kpa": "CH1*10:kPa", "s1_mv": "CH2"})
+
+
+def headed(*head: str, form: str = "{:.3f},{:.4f},{:.4f}", factor: float = 1.0) -> Lines:
+    """Return what writes a table below such lines, with the pressures in another unit."""
+    return lambda run: [
+        *head,
+        *(form.format(t, p * factor, s) for t, p, s in zip(run.time_s, run.pressure_kpa, run.signal_mv, strict=True)),
+    ]
+
+
+OWN: dict[str, Lines] = {
+    "inches of water": headed("Time (s),Pressure (inH2O),S1 (mV)", factor=1 / 0.24908891),
+    "a unit behind a word, gauge": headed("Elapsed Seconds,Pressure kPa (gauge),S1 mV"),
+    "units in words": headed("Time,Pressure,Signal", "Seconds,Kilopascals,Millivolts"),
+    "a row of units above": headed("s,kPa,mV", "Time,Pressure,Signal"),
+    "a preamble with numbers": headed("Device,7", "Channels,3", "Rate,50", "", "Time [s],Pressure [kPa],Signal [mV]"),
+    "names, units, kinds": headed('"TOA5","lab","CR1000"', "TIME,Pressure,Signal", "s,kPa,mV", "Smp,Smp,Smp"),
+    "blanks behind a sign": headed("# bench 3", "# time_s pressure_kpa s1_mv", form="{:.3f}\t{:.4f}\t{:.4f}"),
+    "letters for sensors": headed("Time (s),Pressure (kPa),Sensor A (mV)"),
+    "numbers from zero": headed("Time (s),Pressure (kPa),CH0 (mV)"),
+    "an empty first row": headed("Time (s),Pressure (kPa),S1 (mV)", ",,", ",,"),
+}
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_other_headers(tmp_path: Path, run: Run, name: str) -> None:
+    """Each gives the known figures."""
+    is_the_truth(put(tmp_path, OWN[name](run)))
+
+
+def test_lines_are_skipped_by_hand(tmp_path: Path, run: Run) -> None:
+    """A table of settings above the table: nobody can tell, so the user may."""
+    path = put(tmp_path, [*(f"{k},{k / 7:.3f},{k % 5}" for k in range(400)), *run.lines()])
+    is_the_truth(path, skip=400)
+    assert preview(path, skip=400)["first_data_line"] == 402
+
+
+def test_an_absolute_pressure_is_refused_with_what_to_do(tmp_path: Path, run: Run) -> None:
+    """Pressures are gauge: the ambient pressure is stated."""
+    rows = [f"{t:.3f},{p + 101.3:.4f},{s:.4f}" for t, p, s in zip(run.time_s, run.pressure_kpa, run.signal_mv)]  # noqa: B905
+    path = put(tmp_path, ["Time (s),Pressure (kPa abs),S1 (mV)", *rows])
+    with pytest.raises(BoatDaqError, match="absolute pressure") as refused:
+        import_csv(path)
+    assert "--map pressure_kpa=2-AMBIENT:kPa" in refused.value.remedy
+    is_the_truth(path, columns={"pressure_kpa": "2-101.3:kPa"})
+
+
+def test_a_number_is_a_number_and_a_name_a_name(tmp_path: Path, run: Run) -> None:
+    """A column that is called 3 is the third one only where it stands there."""
+    rows = zip(run.time_s, run.signal_mv, run.pressure_kpa, strict=True)
+    path = put(tmp_path, ["time_s,3,2", *(f"{t:.3f},{s:.4f},{p:.4f}" for t, s, p in rows)])
+    found = import_csv(path, columns={"pressure_kpa": "3", "s1_mv": "2"})
+    np.testing.assert_allclose(found.pressure_kpa, run.pressure_kpa, atol=1e-4)
+    again = import_csv(path, columns=found.meta["import_map"])
+    np.testing.assert_array_equal(again.pressure_kpa, found.pressure_kpa)
+    with pytest.raises(BoatDaqError, match="there is no column 4"):
+        import_csv(path, columns={"pressure_kpa": "4", "s1_mv": "2"})
+
+
+def test_the_sensors_of_twelve_are_chosen_by_hand(cases: Path) -> None:
+    """The remedy that is named works."""
+    found = import_csv(cases / "m07_12_sensors.csv", columns={"s1_mv": "s12_mv", "s2_mv": "s9_mv"})
+    assert found.n_sensors == 2
+    assert found.signal_mv[0, 0] - found.signal_mv[0, 1] == pytest.approx(3.0)

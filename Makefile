@@ -31,7 +31,7 @@ SECONDS ?= 600
 # Bytecode is kept: programs that tests start, and each of the tests' workers, would compile the same sources again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: delivered bundle sbom lock demo quick test check nightly adversary chip bench docs pictures fuzz mutation faults audit setup setup-test system system-test compiled collected pages clean help
+.PHONY: delivered bundle wheel sbom lock demo quick test check nightly adversary chip bench docs pictures fuzz mutation faults audit setup setup-test system system-test compiled collected pages clean help
 
 help:            ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -123,6 +123,10 @@ bundle: delivered $(RUNTIME)  ## the program without Python, in out/bundle: a fo
 $(BUNDLE)/runtime:
 	mkdir -p $(BUNDLE)
 	curl -fsSL -o $@ https://github.com/AppImage/type2-runtime/releases/download/continuous/runtime-$(shell uname -m)
+
+wheel: delivered  ## wheel and source archive, in out/dist
+	rm -rf out/dist
+	$(TOOLS)/bin/python -m build --outdir out/dist .
 
 sbom: delivered  ## what is delivered with the program, as CycloneDX, in out/sbom.cdx.json
 	sed "s/^dynamic = .*/version = \"$$($(DELIVERED)/bin/boat-daq --version | cut -d' ' -f2)\"/" pyproject.toml > out/pyproject.toml

@@ -170,6 +170,8 @@ class Interruption:
 
 def _discard_output() -> None:
     """Lead output to a closed terminal nowhere: writing to it would raise an error amid the closing."""
+    if sys.platform == "win32":  # there a closed terminal ends the program
+        return
     nowhere = os.open(os.devnull, os.O_RDWR)
     for descriptor in (1, 2):
         try:

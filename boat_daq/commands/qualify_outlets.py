@@ -140,7 +140,7 @@ def _answers(port: int, *requests: str) -> list[str]:
 def _frappy(port: int) -> Criterion:
     """Return whether the client of frappy, the reference implementation, understands the node and drives it."""
     program = [sys.executable, "-c", FRAPPY, str(port), _TOKEN]
-    ended = subprocess.run(program, capture_output=True, text=True, timeout=WAIT_S, check=False)
+    ended = subprocess.run(program, capture_output=True, text=True, encoding="utf-8", timeout=WAIT_S, check=False)
     text = f"frappy ended with {ended.returncode}: {ended.stderr[-200:]}"
     good = False
     if ended.returncode == 0:

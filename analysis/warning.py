@@ -58,6 +58,7 @@ class WarningCode(StrEnum):
     NEAR_TURNING_POINT = "near_turning_point"
     HIGH_LEVERAGE = "high_leverage"
     OUTLIER = "outlier"
+    READING_GRID = "reading_grid"
     READING_ERROR_OVERSTATED = "reading_error_overstated"
     READING_CONFIRMED = "reading_confirmed"
     READING_LEFT_OUT = "reading_left_out"

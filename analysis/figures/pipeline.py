@@ -32,7 +32,7 @@ from analysis.figures.sensor_analysis import (
     limited_by_reading,
 )
 from analysis.figures.uncertainty import ElongationBudgets, elongation_uncertainty, middle_budgets
-from analysis.figures.warnings import run_warnings
+from analysis.figures.warnings import reading_grid, run_warnings
 from analysis.json_object import json_object
 from analysis.progress import Progress, part_of
 from analysis.segmentation.cycles import find_cycles
@@ -128,6 +128,7 @@ class Analysis(AnalysedRun):
             "warnings": [warning.as_json() for warning in self.warnings],
             "seed": self.options.seed,
             "fidelity": self.options.fidelity,
+            "reading_grid": reading_grid(self),
             **self._breaks_json(),
             **({"camera": self.camera.as_json()} if self.camera else {}),
         }

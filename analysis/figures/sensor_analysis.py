@@ -84,7 +84,7 @@ class Options:
     Attributes
     ----------
     degree : polynomial degree, spline, or auto for the curve that predicts best, see `calibration.adequacy`.
-    x_resolution_mm : grid of the readings; None takes that of the recording, else 0.5 mm.
+    x_resolution_mm : grid of the readings; None infers it from their own steps.
     monotone : only monotone curves in the posterior.
     resamples, posterior_samples : numbers that replace the precision's.
     leave_out : leave out readings whose points are off the curve, each with a warning.

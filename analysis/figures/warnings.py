@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from analysis.figures.sensor_analysis import SegmentedRun, SensorAnalysis
 
 NOISY_SHARE = 0.01  # of the span of the pressure: above it the pressure is smoothed, and holds and bins lose their ends
+OVERSTATED = 0.999  # p of the test of a curve: above it the errors of reading are smaller than stated
 MOST_OF_AN_IMPORT = 5  # warnings; the preview lists them all
 BREAK_CODES = {
     "same": WarningCode.BREAK,
@@ -73,6 +74,8 @@ def _run_texts(run: SegmentedRun) -> Iterator[tuple[WarningCode, str]]:
         yield WarningCode.NO_CYCLE, f"no complete cycle, {cycles.as_json()['partial']} partial"
     if lost := _lost_plateaus_text(run):
         yield WarningCode.TOLERANCE_TOO_WIDE, lost
+    if text := _grid_text(run):
+        yield WarningCode.READING_GRID, text
     for found in run.breaks:
         yield BREAK_CODES[found.verdict], found.sentence
     for part in cycles.partial:
@@ -96,6 +99,30 @@ def _reading_texts(checked: Sequence[CheckedReading]) -> Iterator[tuple[WarningC
         else:
             code = WarningCode.OUTLIER if one.fault is ReadingFault.OFF else WarningCode.HIGH_LEVERAGE
             yield code, f"check the reading {one.long_text} ({', '.join(one.sensors)})"
+
+
+def reading_grid(run: SegmentedRun) -> dict[str, float | str | None] | None:
+    """Return `reading_grid` of `analyze --json`: the grid that is used, their steps, what was stated; None unread."""
+    found, option = run.elongations, run.options.x_resolution_mm
+    if found is None:
+        return None
+    origin = "stated" if option is not None else "steps" if found.resolution_mm == found.steps_mm else "image"
+    used = found.resolution_mm if option is None else option
+    stated = found.stated_mm if option is None else option
+    return {"mm": used, "steps_mm": found.steps_mm, "stated_mm": stated, "from": origin}
+
+
+def _grid_text(run: SegmentedRun) -> str:
+    """Return how the readings' own steps contradict the grid that was stated, and which one is used; else ""."""
+    grid = reading_grid(run)
+    steps, stated = (float(grid[key] or np.nan) for key in ("steps_mm", "stated_mm")) if grid else (np.nan, np.nan)
+    if grid is None or grid["from"] == "image" or not abs(steps - stated) > 1e-6 * stated:
+        return ""
+    side = "finer" if steps < stated else "coarser"
+    text = f"the readings are in steps of {steps:g} mm, {side} than the stated grid of {stated:g} mm"
+    if grid["from"] == "steps":
+        return f"{text}: their steps are taken"
+    return f"{text}: {'U may be too wide' if steps < stated else 'U is too small'}"
 
 
 def _lost_plateaus_text(run: SegmentedRun) -> str:
@@ -213,10 +240,13 @@ def _calibration_warnings(sensor: SensorAnalysis, run: SegmentedRun) -> Iterator
     if posterior is not None:
         yield from posterior.warnings
     low, high = calibration.x_range
-    if run.reading_sd_mm * calibration.full_scale / (high - low) > 2.0 * calibration.residual_sd:
+    less = run.reading_sd_mm * calibration.full_scale / (high - low) > 2.0 * calibration.residual_sd
+    p = calibration.adequacy.p_value if calibration.adequacy is not None else float("nan")
+    if less or (p > OVERSTATED and run.reading_sd_mm > 0):
+        chance = f" (p = {p:.3f})" if p > OVERSTATED else ""
         yield Warning(
             WarningCode.READING_ERROR_OVERSTATED,
             "",
-            f"the readings scatter less than a reading error of {run.reading_sd_mm:.2f} mm: "
+            f"the readings scatter less than a reading error of {run.reading_sd_mm:.2g} mm{chance}: "
             "posterior and uncertainty are too wide; give --x-resolution",
         )

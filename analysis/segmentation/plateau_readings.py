@@ -2,7 +2,8 @@
 
 A reading of the session carries its step, and so its plateau; a file's rows are matched by order or by their cycle and
 branch columns, and checked by pressure. A file that does not fit is refused with the first place where it does not.
-The reading that counts for a step is the last one entered.
+The reading that counts for a step is the last one entered. The grid that readings were taken from is that of their own
+steps, unless it is stated; photographs state their error as that of a grid.
 """
 
 from __future__ import annotations
@@ -21,13 +22,18 @@ from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError, FileError, RequestError
 from protocol.recording.elongation_file import read_elongation_rows, reason_of
 
-DEFAULT_RESOLUTION_MM = 0.5
+BY_IMAGE = ("photograph", "camera")  # sources of readings whose resolution is no grid
+MOST_SLIPS = 0.1  # of the readings: a slip of the pen does not refine a grid
+_CHANCE = 0.02  # that readings of a finer grid are all on the coarser one
+_DECIMALS = 6  # more have computed values alone
 _NEAR_KPA = 3.0  # a reading belongs to a plateau no farther than this, or than a third of the smallest step
 
 
 @dataclass(frozen=True, slots=True)
 class Elongations:
     """Elongation at each plateau: [plateaus] mm, NaN where none was read; the grid's resolution; where from.
+
+    `resolution_mm` is that of `steps_mm`, their own steps, unless they are of images; `stated_mm` was set for the run.
 
     `confirmed`: the reason of each reading that was checked and confirmed, by its plateau, counted from 0;
     `of_recording`: they are stored in the recording.
@@ -38,6 +44,8 @@ class Elongations:
     source: str
     confirmed: Mapping[int, str] = field(default_factory=dict)
     of_recording: bool = False
+    steps_mm: float = float("nan")
+    stated_mm: float | None = None
 
     @property
     def known(self) -> npt.NDArray[np.bool_]:
@@ -84,7 +92,8 @@ def _from_session(recording: Recording, plateaus: tuple[Plateau, ...]) -> Elonga
     elongation = dict(zip(current["step"].tolist(), read.tolist(), strict=True))
     taken: set[int] = set()
     values = np.full(len(plateaus), np.nan)
-    reasons = {step: reason_of(note) for step, note in zip(current["step"], current["note"], strict=True)}
+    notes = current["note"] if "note" in current else [""] * len(current)
+    reasons = {step: reason_of(note) for step, note in zip(current["step"], notes, strict=True)}
     confirmed: dict[int, str] = {}
     for i, plateau in enumerate(plateaus):
         if plateau.step is not None and plateau.step in elongation and plateau.step not in taken:
@@ -94,8 +103,11 @@ def _from_session(recording: Recording, plateaus: tuple[Plateau, ...]) -> Elonga
                 confirmed[i] = reasons[plateau.step]
     resolution = pd.to_numeric(current["resolution_mm"], errors="coerce").dropna()
     sources = ", ".join(sorted(set(map(str, current["source"]))))
-    stated = float(resolution.median()) if len(resolution) else DEFAULT_RESOLUTION_MM
-    return Elongations(values, stated, sources, confirmed, of_recording=True)
+    stated = float(resolution.median()) if len(resolution) else None
+    steps = steps_of(values)
+    by_image = current["source"].astype(str).isin(BY_IMAGE).mean() > 0.5
+    used = stated if by_image and stated is not None else steps
+    return Elongations(values, used, sources, confirmed, of_recording=True, steps_mm=steps, stated_mm=stated)
 
 
 def _from_file(frame: pd.DataFrame, plateaus: tuple[Plateau, ...], reached: set[int], name: str) -> Elongations:
@@ -106,7 +118,28 @@ def _from_file(frame: pd.DataFrame, plateaus: tuple[Plateau, ...], reached: set[
         values, confirmed = _by_branch(frame, plateaus, near, name)
     else:
         values, confirmed = _by_order(frame, plateaus, reached, near=near, name=name)
-    return Elongations(values, DEFAULT_RESOLUTION_MM, name, confirmed)
+    steps = steps_of(values)
+    return Elongations(values, steps, name, confirmed, steps_mm=steps)
+
+
+def steps_of(readings: FloatArray) -> float:
+    """Return the grid (1, 2 or 5 times a power of ten, mm) that readings were taken from; 0 for values on none.
+
+    The coarsest that nine tenths of the readings lie on, unless so few distinct ones would by chance; NaN without any.
+    """
+    values = np.asarray(readings, dtype=np.float64)
+    values = values[np.isfinite(values)]
+    if not values.size:
+        return float("nan")
+    grids = [factor * 10.0**-places for places in range(_DECIMALS, -1, -1) for factor in (1.0, 2.0, 5.0)]
+    found = 0.0
+    for grid in grids:
+        on = np.abs(values - grid * np.round(values / grid)) < 1e-9
+        if (~on).sum() > MOST_SLIPS * values.size:
+            continue
+        if found == 0.0 or (grid / found) ** -np.unique(values[on]).size < _CHANCE:
+            found = grid
+    return found
 
 
 def _near(plateaus: tuple[Plateau, ...]) -> float:

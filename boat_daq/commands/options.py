@@ -62,7 +62,8 @@ _DEGREE = typer.Option(
 )
 DegreeOption = Annotated[str, _DEGREE]
 XResolutionOption = Annotated[
-    float | None, typer.Option(min=0.0, metavar="MM", help="Resolution of the readings; 0 = exact.")
+    float | None,
+    typer.Option(min=0.0, metavar="MM", help="Resolution of the readings, else their own steps; 0 = exact."),
 ]
 UncertaintyOption = Annotated[
     float | None,

@@ -181,14 +181,14 @@ def test_readings_of_the_session_calibrate_and_the_last_one_counts(tmp_path: Pat
         ].itertuples(index=False)
     ]
     run = write_boat(tmp_path / "run.boat", stairs.recording(), steps=rows)
-    x = stairs.elongations()["elongation_mm"]
+    x = stairs.elongations()["elongation_mm"].round(1)
     with closing(sqlite3.connect(run)) as db, db:
         insert = "INSERT INTO reading (utc, step, elongation_mm, resolution_mm, source) VALUES ('', ?, ?, 0.1, 'test')"
         db.execute(insert, (5, 99.0))
         db.executemany(insert, [(int(i), float(v)) for i, v in zip(marks["id"], x, strict=True)])
     analysis = analyse(run, options=Options(mcmc=False))
     assert analysis.sensors[0].calibration is not None
-    assert analysis.sensors[0].calibration.r2 > 0.9999
+    assert analysis.sensors[0].calibration.r2 > 0.999
     assert analysis.reading_sd_mm == pytest.approx(0.1 / 12**0.5)
     assert analysis.recording.target_kpa[np.isfinite(analysis.recording.target_kpa)].min() == -40.0
     assert "marks_disagree" not in {warning.code for warning in analysis.warnings}

@@ -33,7 +33,7 @@ class GuardedController:
         self.lock = threading.RLock()
         self.controller = Controller()
         self._journal, self._send = journal, send
-        self._pressures = 0  # odd while a pressure is being sent: see `vent`
+        self._pressures = 0  # changes before and after a pressure is sent: see `vent`
         self._vented_s, self._vented_after = -math.inf, 0  # time of the last vent, and `_pressures` then
         self._resumes_at: tuple[int, int] | None = None  # first cycle and complete cycles of an armed resumption
 
@@ -75,7 +75,7 @@ class GuardedController:
             self._vented_s, self._vented_after = now_s, before
         with self.acting() as control:
             # A pressure that was being sent at that instant may have left behind the vent: then vent once more.
-            control.vent(cause, sent=sent and before == self._pressures and before % 2 == 0)
+            control.vent(cause, sent=sent and before == self._pressures)
 
     def arm(self, plan: Plan, *, wait_for_reading: bool, resume: bool, regulator: Regulator | None, hold: bool) -> None:
         """Arm a plan, and state it in the recording. Parameters and errors are those of `Session.arm`."""

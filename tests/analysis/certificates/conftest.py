@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import xmlschema
 
 from analysis import Analysis, Options, analyse
 from analysis.calibration.type_b import contributions
@@ -38,9 +39,9 @@ def calibration(tmp_path_factory: pytest.TempPathFactory) -> Analysis:
 
 
 @pytest.fixture(scope="session")
-def schema(shared_data: Path) -> Any:
-    """The schema of the Digital Calibration Certificate, which is not part of the repository."""
-    return pytest.importorskip("xmlschema").XMLSchema(str(shared_data / "dcc" / "dcc_3.2.1.xsd"))
+def schema() -> xmlschema.XMLSchema:
+    """The schema of the Digital Calibration Certificate."""
+    return xmlschema.XMLSchema(str(Path(__file__).parent / "schema" / "dcc_3.2.1.xsd"))
 
 
 def with_meta(analysis: Analysis, **changed: Any) -> Analysis:

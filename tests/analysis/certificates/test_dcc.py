@@ -86,6 +86,29 @@ def test_every_number_of_the_dcc_is_that_of_the_json(calibration: Analysis) -> N
     assert root.find("{http://www.w3.org/2000/09/xmldsig#}Signature") is None
 
 
+def test_dates_and_conditions_are_those_of_all_items(calibration: Analysis) -> None:
+    """From the earliest begin to the latest end; temperature and humidity of each item with their units."""
+    two = [
+        with_meta(
+            calibration, unit=unit, item="", uuid=unit, note="", started_utc=f"2026-01-{day}T10:00:00+00:00",
+            ended_utc=f"2026-01-{day + 1}T10:00:00+00:00", ambient_humidity_percent=humidity,
+        )
+        for unit, day, humidity in (("SA1", 20, 43.5), ("SA2", 10, 51.0))
+    ]  # fmt: skip
+    root = ET.fromstring(dcc_xml(certificate_of(two, REQUEST)))
+    assert root.find(f".//{DCC}beginPerformanceDate").text == "2026-01-10"
+    assert root.find(f".//{DCC}endPerformanceDate").text == "2026-01-21"
+    stated = [
+        (one.get("refType"), float(one.find(f".//{SI}value").text), one.find(f".//{SI}unit").text)
+        for one in root.iter(f"{DCC}influenceCondition")
+    ]
+    temperature = ("basic_temperature", 21.5, r"\degreecelsius")
+    assert stated == [
+        temperature, ("basic_humidityRelative", 43.5, r"\percent"),
+        temperature, ("basic_humidityRelative", 51.0, r"\percent"),
+    ]  # fmt: skip
+
+
 def test_dcc_of_a_comparison_of_three_units(calibration: Analysis) -> None:
     """Three items, each with its results that refer to it."""
     units = ("SA1", "SA2", "SA3")

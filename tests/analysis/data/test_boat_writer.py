@@ -11,9 +11,11 @@ import pytest
 
 from analysis import BoatDaqError, load_recording
 from analysis.data.boat_file import opened
-from analysis.data.boat_writer import write_boat_file
+from analysis.data.boat_writer import packed_samples, write_boat_file
 from analysis.data.csv_import import import_csv
 from analysis.data.export import export
+from analysis.data.recording import Recording
+from protocol.recording import SampleFlag
 from tests.analysis.boat_builder import Plant, triangle
 
 ROWS = [(0.0, 1.5, 1650.25), (0.01, 1.75, 1651.5), (0.02, 2.0, 1652.75), (0.03, 2.5, 1653.0)]
@@ -39,6 +41,16 @@ def test_the_overview_holds_the_extremes(tmp_path: Path) -> None:
     assert len(rows) == -(-recording.n // 1000)
     np.testing.assert_allclose(max(highest_kpa), recording.pressure_kpa.max())
     np.testing.assert_allclose(np.min([json.loads(low) for low in lowest_mv], axis=0), recording.signal_mv.min(axis=0))
+
+
+def test_a_gap_is_flagged_at_the_sample_behind_it() -> None:
+    """Rows 3 and 7 follow missing ones; no other row is flagged."""
+    index = np.array([0, 1, 2, 6, 7, 8, 9, 20, 21])
+    run = Recording.from_arrays(
+        index * 0.01, np.zeros(index.size), np.ones((index.size, 1)), index=index, flags=np.zeros(index.size, int)
+    )
+    flags = packed_samples(run)["flags"] & SampleFlag.GAP_BEFORE
+    assert np.flatnonzero(flags).tolist() == [3, 7]
 
 
 def test_an_import_becomes_a_recording_with_its_original_bytes(tmp_path: Path) -> None:

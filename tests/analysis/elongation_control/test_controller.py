@@ -39,8 +39,10 @@ def test_first_pressure_is_the_one_before_the_start():
 def test_pressure_keeps_limits_and_ramp_and_the_integrator_does_not_wind_up():
     controller = begun(regulator(bounds=Bounds(follow_s=100.0)))
     stuck = [signals(0.5, seed=k) for k in range(250)]  # nothing moves: a leak
-    pressures = [out.pressure_kpa for out in steps(controller, 3.5, *stuck)]
+    found = steps(controller, 3.5, *stuck)
+    pressures = [out.pressure_kpa for out in found]
     assert max(pressures) <= WIDE[1]
+    assert 30.0 < max(out.ramp_kpa_per_s for out in found) <= 36.0
     assert np.abs(np.diff(pressures)).max() <= 36.0 * 0.04 + 1e-9
     back = controller.advance(10.04, 10.02, (0.5, 0.0, 0.0), signals(3.5), WIDE)
     assert back.pressure_kpa < pressures[-1]  # it leaves the limit at once
@@ -73,6 +75,15 @@ def test_what_cannot_be_controlled_stops_with_a_cause(offset_mv, bounds, code):
     assert stopped.stop is code
     assert stopped.cause and stopped.remedy
     assert found[0].stop is None  # one period is no reason
+
+
+@pytest.mark.parametrize(("share", "stops"), [(1.02, False), (0.98, True)])
+def test_control_stops_where_u_exceeds_its_bound(share, stops):
+    """The bound is the one given: 2 % more than the uncertainty there is allowed, 2 % less is not."""
+    there = max(out.u_mm for out in steps(begun(regulator()), 0.5, *[signals(0.5, seed=k) for k in range(40)]))
+    controller = begun(regulator(bounds=Bounds(u_mm=share * there)))
+    found = steps(controller, 0.5, *[signals(0.5, seed=k) for k in range(40)])
+    assert {out.stop for out in found} - {None} == ({StopCode.UNCERTAIN} if stops else set())
 
 
 def test_a_saturated_or_frozen_sensor_is_lost_once_and_the_other_carries_on():

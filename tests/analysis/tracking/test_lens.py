@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from analysis.tracking.lens import Lens, Picture, calibrate_lens, lens_of, read_lens
+from analysis.tracking.marks import homography, project
+from analysis.tracking.tracker import UNKNOWN_LENS, Optics, learn_plane, square
 from boat_daq.engine.simulator.picture import checkerboard
 from protocol.base.errors import DataError, FileError, RequestError
 from tests.analysis.tracking.filmed_run import SMALL
@@ -34,6 +36,23 @@ def test_calibration_finds_the_distortion() -> None:
     span = np.linalg.norm(straight[2] - straight[0]) / np.linalg.norm(ideal[2] - ideal[0])
     middle = np.linalg.norm(straight[1] - straight[0]) / np.linalg.norm(ideal[1] - ideal[0])
     assert middle / span == pytest.approx(1.0, abs=1e-3)
+
+
+def u_scale(lens: Lens | None, u_mark_mm: float) -> float:
+    """Return the relative uncertainty of lengths in a plane that four exact marks of 10 mm show."""
+    to_px = homography(square(10.0), np.array([[50.0, 60.0], [150.0, 62.0], [149.0, 160.0], [52.0, 161.0]]))
+    base = project(to_px, square(10.0))
+    tips = [project(to_px, square(10.0) + np.array([20.0 + x, 1.0])) for x in range(4)]
+    return learn_plane(np.array([base] * 4), np.array(tips), 10.0, Optics(10.0, u_mark_mm, lens)).u_scale
+
+
+def test_lens_and_mark_are_in_the_uncertainty_of_lengths() -> None:
+    """The root of the sum of squares: of the mark's side, and of the lens by its own residuals, or 0.2 % unknown."""
+    assert u_scale(None, 0.0) == pytest.approx(UNKNOWN_LENS, rel=1e-3)
+    assert u_scale(None, 0.02) == pytest.approx(np.hypot(UNKNOWN_LENS, 0.002), rel=1e-3)
+    of_lens = 4 * 0.1 / np.sqrt(6) / 320  # four times the residual of the mean view, over the picture's width
+    assert u_scale(LENS, 0.0) == pytest.approx(of_lens, rel=1e-3)
+    assert u_scale(LENS, 0.02) == pytest.approx(np.hypot(of_lens, 0.002), rel=1e-3)
 
 
 def photograph(

@@ -329,6 +329,32 @@ def test_the_number_of_clients_is_limited_but_not_for_vent(session: Session, ser
         client.close()
 
 
+def test_vent_does_not_wait_for_requests_under_way(
+    session: Session, server: SecopServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As many requests as there are threads for them, none of which ends: VENT has threads of its own."""
+    end, busy, answer = threading.Event(), threading.Semaphore(0), server._node.answer
+
+    def slow(line: str, *, may_control: bool = False) -> list[str]:
+        if line.startswith("read"):
+            busy.release()
+            end.wait(20)
+        return list(answer(line, may_control=may_control))
+
+    monkeypatch.setattr(server._node, "answer", slow)
+    clients = [Client(server.port) for _ in range(secop_server.CLIENTS)]
+    for client in clients[1:]:
+        client.send("read pressure")
+    assert all(busy.acquire(timeout=5) for _ in range(4))
+    clients[0].socket.settimeout(5)
+    assert clients[0].ask("do vent:_vent")[0] == "done"
+    end.set()
+    for client in clients[1:]:
+        assert client.line().startswith("reply pressure")
+    for client in clients:
+        client.close()
+
+
 @pytest.mark.fault(57, how="twenty connections that send nothing")
 def test_connections_without_a_line_do_not_keep_vent_out(session: Session, server: SecopServer) -> None:
     """Twenty connections that send nothing: the next client is served."""

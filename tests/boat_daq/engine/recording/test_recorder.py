@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 import sys
 import threading
@@ -17,7 +18,7 @@ from boat_daq.engine.plan import StepMark
 from boat_daq.engine.qualification.drill_rig import slow_commits
 from boat_daq.engine.recording.closed_run import append_reading
 from boat_daq.engine.recording.recorder import Recorder
-from boat_daq.engine.recording.rows import step_row
+from boat_daq.engine.recording.rows import reading_row, step_row
 from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.engine.snapshot import CameraReading
 from protocol import CommandDone, Start
@@ -186,6 +187,23 @@ def test_steps_grow_and_readings_are_corrected_by_newer_ones(recorder, source, p
         step_row(StepMark(1, 1, "sideways", 0.0, 0.0, 0), 1, new=True)
     with pytest.raises(RequestError, match="not an elongation"):
         recorder.reading(reading(1, float("nan")))
+
+
+@pytest.mark.parametrize(
+    ("mm", "resolution_mm", "refused"),
+    [
+        (1000.0, 0.5, False), (-1000.0, 0.5, False), (1000.1, 0.5, True), (-1000.1, 0.5, True), (math.inf, 0.5, True),
+        (1.0, 1000.0, False), (1.0, 1000.1, True), (1.0, 0.0, True), (1.0, -0.5, True), (1.0, None, False),
+    ],
+)  # fmt: skip
+def test_only_a_length_that_a_unit_can_have_is_a_reading(mm, resolution_mm, refused):
+    """Both signs up to 1 m, and a positive resolution."""
+    taken = reading(1, mm, resolution_mm=resolution_mm)
+    if refused:
+        with pytest.raises(RequestError, match="elongation in mm" if resolution_mm == 0.5 else "resolution"):
+            reading_row(taken)
+    else:
+        assert reading_row(taken)[1][2:4] == (mm, resolution_mm)
 
 
 def test_a_closed_recording_takes_later_readings(recorder, source, path):

@@ -74,6 +74,28 @@ def test_one_that_does_not_answer_delays_no_other(join, tmp_path, monkeypatch):
     assert not (folder / "gone.json").exists()
 
 
+@pytest.mark.parametrize("answer", ["name SA9", "refused SA9", "ventilated SA9"])
+def test_only_its_own_answer_says_that_another_has_vented(join, tmp_path, answer):
+    """A program that answers the request otherwise has not vented: its name is given, so that somebody looks."""
+    take_part, _ = join
+    one = take_part("SA1")
+    other = socket.create_server(("127.0.0.1", 0))
+
+    def reply() -> None:
+        link, _ = other.accept()
+        with link:
+            link.recv(400)
+            link.sendall(answer.encode() + b"\n")
+
+    thread = threading.Thread(target=reply)
+    thread.start()
+    content = json.dumps({"port": other.getsockname()[1], "key": "x"})
+    (tmp_path / FOLDER / "other.json").write_text(content, encoding="utf-8")
+    assert one.vent_others() == [VentAnswer("SA9", vented=False)]
+    thread.join(5)
+    other.close()
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL and SIGSTOP")
 def test_killed_process_is_left_out(join, tmp_path):
     """A second process takes part, vents on request while its main thread is busy, and is gone once it is killed."""

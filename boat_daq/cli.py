@@ -11,9 +11,8 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from importlib import import_module
-from itertools import chain
 from types import FrameType
 from typing import Annotated, Any
 
@@ -24,33 +23,70 @@ from typer.core import TyperGroup
 import boat_daq
 from boat_daq import commands
 
-_COMMANDS = (  # in the order of --help; each is a function in the module named, or of its own name
-    (
-        "demo.gui",
-        "demo",
-        "board.ports",
-        "board.board",
-        "board.profile",
-        "record",
-        "run_queue.queue",
-        "serve",
-        "importing.importing",
-    ),
-    ("recordings.recover", "recordings.upgrade", "recordings.verify", "recordings.info", "metadata"),
-    ("analyze", "analyze.report", "certificate"),
-    ("folders.batch", "folders.history", "analyze.strokes", "methods.tradeoff", "methods.atlas"),
-    ("examples", "importing.export", "calibration", "calibration.convert", "fit", "qualify", "setup", "bugreport"),
-)
-_GROUPS = ("camera", "configuration.config", "configuration.unit", "optics", "shadow", "twin", "reproduce")
+_GROUPS = {  # in the order of --help: place of the command in `commands/`, a function or a Typer, and its summary
+    "measure": {
+        "demo.gui": "Open the window; also `boat-daq` alone",
+        "demo": "Run a whole calibration on a virtual board",
+        "board.ports": "List serial ports and find BOAT boards",
+        "record": "Record a run, with a pressure plan or without",
+        "run_queue.queue": "Record several runs, one after the other",
+        "serve": "Give live samples to other programs: LSL, SECoP",
+        "board.board": "Run a virtual board, with faults to choose",
+        "camera": "Measure the elongation by a camera",
+    },
+    "results": {
+        "analyze": "Compute every figure of a run",
+        "analyze.report": "Write a report of one run or several",
+        "certificate": "Write a calibration certificate (PDF with DCC)",
+        "calibration": "Write a calibration as JSON, CSV, C or MATLAB",
+        "calibration.convert": "Convert signals to elongation",
+        "analyze.strokes": "Measure the strokes of a continuous run",
+        "fit": "Fit a polynomial calibration to two columns",
+        "folders.batch": "Analyse a folder of runs into one table",
+        "folders.history": "Follow the calibrations of a unit over time",
+    },
+    "files": {
+        "importing.importing": "Turn a table of samples into a recording",
+        "importing.export": "Write samples: CSV, Parquet, HDF5, MAT, ROS",
+        "recordings.info": "Summarise a run",
+        "recordings.verify": "Derive a run again and compare",
+        "recordings.recover": "Close what a killed session left",
+        "recordings.upgrade": "Convert a recording of an older version",
+        "metadata": "Show or change who, what and where of a recording",
+        "examples": "Copy the example recordings",
+    },
+    "models": {
+        "optics": "Trace rays; sweep and optimise designs",
+        "shadow": "Solve the finite-element model (digital shadow)",
+        "twin": "Control the elongation of a unit",
+    },
+    "methods": {
+        "reproduce": "Compute the figures of the paper again",
+        "methods.tradeoff": "Measure time against error of every method",
+        "methods.atlas": "Map where each method works and where not",
+    },
+    "computer": {
+        "configuration.config": "Show and change settings",
+        "configuration.unit": "Show and change units under test",
+        "board.profile": "Propose a text profile for other firmware",
+        "setup": "Compile ahead; install shell completion",
+        "qualify": "Run the fault drills on this computer",
+        "bugreport": "Pack log, settings and versions into one file",
+    },
+}
+_FIRST = ("demo", "ports", "record", "analyze", "report")
 _NAMES = {"importing": "import"}  # where the name of the function is not that of the command
 _STYLE: dict[str, Any] = {"rich_markup_mode": None, "pretty_exceptions_enable": False}
+_UsageError: Any = typer.BadParameter.__mro__[1]  # releases of typer differ in the package that has it
 
 
 class LazyCommands(Mapping[str, Any]):
     """Commands and groups by name; each is imported when it is looked up."""
 
     def __init__(self) -> None:
-        self._places = {self._name(place): place for place in (*chain.from_iterable(_COMMANDS), *_GROUPS)}
+        self._places = {self._name(place): place for group in _GROUPS.values() for place in group}
+        self.summaries = {self._name(place): text for group in _GROUPS.values() for place, text in group.items()}
+        self.groups = {name: [*map(self._name, group)] for name, group in _GROUPS.items()}
         self._loaded: dict[str, Any] = {}
 
     def __getitem__(self, name: str) -> Any:
@@ -71,14 +107,17 @@ class LazyCommands(Mapping[str, Any]):
 
     @staticmethod
     def _load(name: str, place: str) -> Any:
+        from boat_daq.commands.usage import plain
+
         module, _, attribute = place.rpartition(".")
         imported = import_module(f"{commands.__name__}.{module or attribute}")
+        found = getattr(imported, attribute if module or not hasattr(imported, "app") else "app")
         parent = typer.Typer(add_completion=False, **_STYLE)
-        if place in _GROUPS:
-            parent.add_typer(getattr(imported, attribute if module else "app"), name=name)
+        if isinstance(found, typer.Typer):
+            parent.add_typer(found, name=name)
         else:
-            parent.command(name, cls=getattr(imported, "COMMAND_CLASS", None))(getattr(imported, attribute))
-        return typer.main.get_group(parent).commands[name]
+            parent.command(name, cls=getattr(imported, "COMMAND_CLASS", None))(found)
+        return plain(typer.main.get_group(parent).commands[name])
 
 
 class Root(TyperGroup):
@@ -92,13 +131,45 @@ class Root(TyperGroup):
         """Return the names in the order of --help."""
         return list(self.commands)
 
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the first commands, then the others in their groups."""
+        self._write(formatter, "Begin with", _FIRST)
+        for group, names in self.commands.groups.items():
+            self._write(formatter, group.capitalize(), [name for name in names if name not in _FIRST])
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """Write where more help is, and where faults are reported."""
+        from boat_daq.engine.installation import address_of
+
+        places = [("boat-daq COMMAND -h", "explains a command, with an example"), ("boat-daq GROUP", "lists a group")]
+        known = ((label, address_of(label)) for label in ("Documentation", "Issues"))
+        places += [(label, address) for label, address in known if address]
+        places.append(("Faults", "boat-daq bugreport --out report.zip packs what a report needs"))
+        with formatter.section("More"):
+            formatter.write_dl(places)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return the command of a call; the name of a group lists its commands, `help` stands for --help."""
+        name = args[0].lower()
+        if name == "help":
+            args = [*args[1:], "--help"] if args[1:] else ["--help"]
+            if args == ["--help"]:
+                typer.echo(ctx.get_help())
+                raise typer.Exit
+        elif name in self.commands.groups:
+            formatter = ctx.make_formatter()
+            self._write(formatter, name.capitalize(), self.commands.groups[name])
+            typer.echo(formatter.getvalue().rstrip())
+            raise typer.Exit
+        return super().resolve_command(ctx, args)
+
+    def _write(self, formatter: Any, title: str, names: Sequence[str]) -> None:
+        with formatter.section(title):
+            formatter.write_dl([(name, self.commands.summaries[name]) for name in names])
+
 
 app = typer.Typer(
-    name="boat-daq",
-    cls=Root,
-    help="Calibrate soft optical sensors in pneumatic actuators: record, analyse, report.",
-    add_completion=False,
-    **_STYLE,
+    name="boat-daq", cls=Root, add_completion=False, context_settings={"help_option_names": ["-h", "--help"]}, **_STYLE
 )
 
 
@@ -201,19 +272,38 @@ def explain(error: Exception) -> tuple[str, str]:
     return f"an error of the program: {type(error).__name__}: {error}{where}", "boat-daq bugreport --out FILE.zip"
 
 
+def _usage(error: Any) -> tuple[str, str]:
+    """Return cause and remedy of a wrong call."""
+    called = error.ctx.command_path if error.ctx is not None else "boat-daq"
+    return error.format_message().rstrip("."), f"{called} --help"
+
+
 def main() -> None:
     """Run the command line; failures become the exit codes of the surface (0, 1, 2, 130)."""
-    from boat_daq.commands.console import accept_every_character, emit_error
+    from boat_daq.commands.console import emit_error, prepare_output
 
     interruption = Interruption()
-    accept_every_character()
+    prepare_output()
+    if "_BOAT_DAQ_COMPLETE" in os.environ:
+        from typer._completion_classes import completion_init
+
+        completion_init()
     try:
-        app()
-    except SystemExit as leaving:
+        code = app(standalone_mode=False, prog_name="boat-daq")
+        raise SystemExit(code if isinstance(code, int) else 0)
+    except (SystemExit, KeyboardInterrupt, typer.Abort) as leaving:
         if not interruption.came:
-            raise
+            raise SystemExit(getattr(leaving, "code", 1)) from None
         interruption.leave()
         raise SystemExit(130) from leaving  # releases of typer differ in the code they leave with after Ctrl-C
+    except _UsageError as error:
+        if type(error).__name__ == "NoArgsIsHelpError":
+            error.show()
+        else:
+            emit_error("UsageError", *_usage(error), as_json="--json" in sys.argv)
+        raise SystemExit(2) from None
     except Exception as error:  # noqa: BLE001 - the last one to see it
-        emit_error(type(error).__name__, *explain(error))
-        raise SystemExit(1) from None
+        from protocol.base.errors import ChoiceError
+
+        emit_error(type(error).__name__, *explain(error), as_json="--json" in sys.argv)
+        raise SystemExit(2 if isinstance(error, ChoiceError) else 1) from None

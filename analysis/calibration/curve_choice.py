@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from protocol.base.errors import RequestError
+from protocol.base.errors import ChoiceError
 
 AUTO: Final = "auto"
 SPLINE: Final = "spline"
@@ -19,7 +19,7 @@ def degree_of(name: str) -> Degree:
     """Return the curve that a choice names: auto, spline, or a degree; raises RequestError if it names none."""
     found: dict[str, Degree] = {AUTO: AUTO, SPLINE: SPLINE, **{str(degree): degree for degree in DEGREES}}
     if name not in found:
-        raise RequestError(f"{name!r:.40} is not a curve", f"Give one of {', '.join(found)}.")
+        raise ChoiceError(f"{name!r:.40} is not a curve", f"Give one of {', '.join(found)}.")
     return found[name]
 
 

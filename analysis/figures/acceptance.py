@@ -20,7 +20,7 @@ from analysis.figures.figure import SENSOR_FIGURES, Figure, sensor_text
 from analysis.json_object import json_object
 from analysis.numbers import percent
 from analysis.warning import Warning, WarningCode
-from protocol.base.errors import RequestError
+from protocol.base.errors import ChoiceError, one_of
 
 if TYPE_CHECKING:
     from analysis.calibration.fit import Calibration
@@ -177,7 +177,7 @@ def judge(sensors: Sequence[SensorAnalysis], limits: Mapping[str, float]) -> lis
     """State the conformity of all figures with the user's limits; RequestError if a limit names no figure."""
     unknown = next((name for name in limits if name not in LIMITS), None)
     if unknown is not None:
-        raise RequestError(f"there is no limit called {unknown!r}", f"Known: {', '.join(LIMITS)}.")
+        raise ChoiceError(f"there is no limit called {unknown!r}", one_of(unknown, LIMITS))
     tolerances = {
         name: Tolerance(LIMITS[name], limit, SET_BY_USER, name in LOWER_LIMITS, name in ABSOLUTE_LIMITS)
         for name, limit in limits.items()

@@ -85,8 +85,31 @@ def batch(
         if progress is not None:
             progress(done, len(files))
     table = pd.DataFrame(rows)
+    table.attrs["omitted"] = [path.name for path in tables_in(runs)] if isinstance(runs, str | Path) else []
     leading = [name for name in LEADING if name in table]
     return table[leading + [name for name in table if name not in leading]]
+
+
+def tables_in(folder: str | Path) -> list[Path]:
+    """Return the CSV files of a folder that are no runs: without a pressure, or without time and signal."""
+    return [path for path in _candidates(Path(folder)) if not _is_run(path)]
+
+
+def _candidates(folder: Path) -> list[Path]:
+    return [f for f in sorted(folder.iterdir()) if f.suffix in _SUFFIXES and not f.name.endswith(_ELONGATION)]
+
+
+def _is_run(path: Path) -> bool:
+    from analysis.data.csv_import import is_signal, map_columns
+    from analysis.data.csv_table import read_table
+
+    if path.suffix == ".boat":
+        return True
+    try:
+        names = map_columns(read_table(path), tolerant=True).columns
+    except BoatDaqError:
+        return True  # its row has the reason
+    return "pressure_kpa" in names and ("time_s" in names or any(map(is_signal, names)))
 
 
 def write_table(table: pd.DataFrame, path: str | Path) -> None:
@@ -114,7 +137,7 @@ def runs_in(runs: str | Path | Sequence[str | Path]) -> list[Path]:
     folder = Path(runs)
     if not folder.is_dir():
         raise FileError(f"{folder} is not a folder", "Give the folder that holds the runs.")
-    found = [f for f in sorted(folder.iterdir()) if f.suffix in _SUFFIXES and not f.name.endswith(_ELONGATION)]
+    found = [path for path in _candidates(folder) if _is_run(path)]
     if not found:
         raise RequestError(f"{folder} holds no runs ({' or '.join(_SUFFIXES)})", "Choose another folder.")
     return found

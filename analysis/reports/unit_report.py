@@ -22,7 +22,7 @@ from analysis.reports.html import write_html
 from analysis.reports.pdf import write_pdf
 from analysis.version import program_version
 from protocol.base.arrays import FloatArray
-from protocol.base.errors import RequestError, writing
+from protocol.base.errors import ChoiceError, writing
 from protocol.base.units import NOTHING
 
 WRITERS = {".html": write_html, ".pdf": write_pdf}
@@ -46,7 +46,7 @@ def write_built(build: Callable[[], Report], path: Path, progress: Progress | No
     """Write the report that `build` returns as .html or .pdf; raises BoatDaqError before if that cannot be."""
     writer = WRITERS.get(path.suffix.lower())
     if writer is None:
-        raise RequestError(f"{path.name} ends in neither .html nor .pdf", "Choose one of the two.")
+        raise ChoiceError(f"{path.name} ends in neither .html nor .pdf", "Choose one of the two.")
     with writing(path, "Choose another folder."):
         path.parent.stat()  # a folder that does not exist is reported before the pages are set
         report = build()

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from analysis import figure_style as style
 from analysis.progress import Progress, part_of
-from protocol.base.errors import RequestError
+from protocol.base.errors import ChoiceError, one_of
 from protocol.base.whole_file import write_whole
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def chosen(studies: Sequence[Study], names: Iterable[str], names_of: Callable[[S
     known = list(dict.fromkeys(name for study in studies for name in names_of(study)))
     unknown = sorted(wanted.difference(known))
     if unknown:
-        raise RequestError(f"there is no method '{unknown[0]}'", f"Choose among {', '.join(known)}.")
+        raise ChoiceError(f"there is no method '{unknown[0]}'", one_of(unknown[0], known))
     return [study for study in studies if not wanted or wanted.intersection(names_of(study))]
 
 

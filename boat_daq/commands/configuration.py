@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -42,7 +43,9 @@ def config_set(values: ValuesArgument, as_json: JsonOption = False) -> None:
     from boat_daq.engine.described import with_typed
     from boat_daq.engine.settings import load_settings, save_settings
 
-    settings = with_typed(load_settings(), values_of(values), "settings")
+    stored = load_settings()
+    with _typed_values():
+        settings = with_typed(stored, values_of(values), "settings")
     save_settings(settings)
     _show_settings(settings, list(values_of(values)), as_json=as_json)
 
@@ -101,7 +104,8 @@ def unit_new(
     library = UnitLibrary()
     if name in library.names():
         raise RequestError(f"there is a unit {name} already", "Choose another name.", command="boat-daq unit set")
-    library.save(with_typed(Unit(name), values_of(values), f"unit {name}"))
+    with _typed_values():
+        library.save(with_typed(Unit(name), values_of(values), f"unit {name}"))
     _show_unit(library, name, as_json=as_json)
 
 
@@ -115,8 +119,22 @@ def unit_set(name: NameArgument, values: ValuesArgument, as_json: JsonOption = F
     from boat_daq.engine.settings import UnitLibrary
 
     library = UnitLibrary()
-    library.save(with_typed(library.stored(name), values_of(values), f"unit {name}"))
+    stored = library.stored(name)
+    with _typed_values():
+        library.save(with_typed(stored, values_of(values), f"unit {name}"))
     _show_unit(library, name, as_json=as_json)
+
+
+@contextmanager
+def _typed_values() -> Iterator[None]:
+    """Report a value that its key cannot have as a wrong call. ChoiceError: in place of a `BadValue`."""
+    from boat_daq.engine.toml_values import BadValue
+    from protocol.base.errors import ChoiceError
+
+    try:
+        yield
+    except BadValue as error:
+        raise ChoiceError(error.cause, error.remedy) from error
 
 
 def _show_settings(settings: Settings, keys: list[str] | None, *, as_json: bool) -> None:
@@ -156,15 +174,15 @@ def _values(values: Settings | Unit, keys: list[str] | None) -> dict[str, dict[s
 
     Raises
     ------
-    RequestError : an unknown key.
+    ChoiceError : an unknown key.
     """
     from boat_daq.engine.described import described
-    from boat_daq.engine.toml_values import BadValue
+    from protocol.base.errors import ChoiceError, one_of
 
     known = described(values)
     for key in keys or ():
         if key not in known:
-            raise BadValue("settings", key, "is not a known key", f"Known: {', '.join(known)}.")
+            raise ChoiceError(f"settings: '{key:.60}' is not a known key", one_of(key, known))
     return {
         key: {
             "value": getattr(values, key),

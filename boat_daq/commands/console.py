@@ -9,6 +9,7 @@ from __future__ import annotations
 import codecs
 import io
 import json
+import re
 import sys
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator
@@ -22,22 +23,17 @@ from protocol.base.errors import StorageError
 
 
 class _Json:
-    """Whether the JSON object that the call requested is still to be printed."""
+    """Whether the one JSON object of this call was printed."""
 
-    pending = False
-
-
-def _request(value: bool) -> bool:
-    _Json.pending = value
-    return value
+    printed = False
 
 
-JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.", callback=_request)]
-
+JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
 
 Advance = Callable[[float, float], None]  # moves a progress bar to (done, total), in any unit
 
 
+_PROPER_NAMES = ("Debian", "Python", "Qt", "Qt's", "Excel", "Linux", "Windows")
 _PLAIN = dict(
     zip("−–—µμσχ±²³×≤°", ("-", "-", "-", "u", "u", "sigma", "chi", "+/-", "^2", "^3", "x", "<=", " deg"), strict=True)
 )
@@ -55,8 +51,12 @@ def _plain(character: str) -> str:
     return _PLAIN.get(character) or letters or "?"
 
 
-def accept_every_character() -> None:
-    """Print on outputs of any encoding, as after `> file.txt` on Windows: characters that it lacks become ASCII."""
+def prepare_output() -> None:
+    """Prepare the output of a call.
+
+    An output may have any encoding, as after `> file.txt` on Windows: characters that it lacks become ASCII.
+    """
+    _Json.printed = False
     codecs.register_error("boat-daq", _in_ascii)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper) and "utf" not in stream.encoding.lower():
@@ -67,19 +67,28 @@ def emit_json(value: Any) -> None:
     """Print one JSON object on standard output; in ASCII where the output's encoding is not that of JSON."""
     from analysis.numbers import finite
 
-    _Json.pending = False
+    _Json.printed = True
     ascii_only = "utf" not in (getattr(sys.stdout, "encoding", None) or "utf-8").lower()
     text = json.dumps(finite(value), ensure_ascii=ascii_only, allow_nan=False)
     print(text.encode("utf-8", "backslashreplace").decode())  # a name that is not UTF-8 becomes JSON's escape
 
 
-def emit_error(kind: str, cause: str, remedy: str) -> None:
-    """Print why a call failed: on standard error, and as the JSON object where that is still pending."""
-    if _Json.pending:
+def emit_error(kind: str, cause: str, remedy: str, *, as_json: bool) -> None:
+    """Print why a call failed: on standard error, and as its JSON object unless that is printed already."""
+    cause, remedy = cause.rstrip("."), _as_step(remedy)
+    if as_json and not _Json.printed:
         emit_json({"error": kind, "cause": cause, "remedy": remedy})
     notify(f"error: {cause}")
     if remedy:
         notify(f"  try: {remedy}")
+
+
+def _as_step(remedy: str) -> str:
+    """Return a remedy in the one style of the terminal: after `try:`, in lower case, without a full stop."""
+    first, rest = remedy[:1], remedy[1:]
+    word = re.match(r"[\w'-]*", rest)
+    ordinary = word is not None and word[0] == word[0].lower() and first + word[0] not in _PROPER_NAMES
+    return (first.lower() + rest if ordinary else remedy).rstrip(".")
 
 
 def show(text: str) -> None:

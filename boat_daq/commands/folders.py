@@ -7,14 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, show, show_table
+from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show, show_table
 from boat_daq.commands.options import AllowRemoteOption, FolderArgument, SeedOption
 
 if TYPE_CHECKING:
+    from pandas import DataFrame
+
     from analysis.history.unit_history import UnitHistory
 
 
-_COLUMNS = ("run", "unit", "sensor", "cycles", "sensitivity_mv_per_mm", "snr_db", "error")
+_COLUMNS = ("run", "unit", "sensor", "cycles", "sensitivity_mv_per_mm", "snr_db")
 
 
 def batch(
@@ -48,13 +50,33 @@ def batch(
         write_table(table, to)
         notify(f"wrote {to}")
     failed = int((table["error"] != "").sum()) if "error" in table else 0
-    content = {"runs": table["run"].nunique(), "failed": failed, "rows": table.to_dict(orient="records")}
-    shown = table[[name for name in _COLUMNS if name in table]].copy()
-    if "simulated" in table:
-        shown.loc[table["simulated"].eq(True), "unit"] += "  SIMULATED"
-    present(content, shown.to_string(index=False), as_json=as_json)
+    omitted = table.attrs["omitted"]
+    rows = table.to_dict(orient="records")
+    content = {"runs": table["run"].nunique(), "failed": failed, "omitted": omitted, "rows": rows}
+    if as_json:
+        emit_json(content)
+    else:
+        _show_runs(table)
+    if omitted:
+        notify(f"no runs: {', '.join(omitted)}")
     if failed:
-        notify(f"{failed} runs could not be analysed; see the column error")
+        notify(f"{failed} runs could not be analysed")
+        raise typer.Exit(1)
+
+
+def _show_runs(table: DataFrame) -> None:
+    """Print a row a sensor, and why a run has none in a line of its own."""
+    good = table[table["error"] == ""]
+    columns = [name for name in _COLUMNS if name in good]
+    if len(good):
+        shown = good[columns].assign(unit=good["unit"].str.cat(good["simulated"].map({True: "  SIMULATED", False: ""})))
+        show_table(columns, ([_cell(row[name]) for name in columns] for row in shown.to_dict(orient="records")), left=3)
+    for row in table[table["error"] != ""].to_dict(orient="records"):
+        show(f"{row['run']}: {row['error']}")
+
+
+def _cell(value: object) -> str:
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
 def history(

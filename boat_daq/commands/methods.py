@@ -41,9 +41,9 @@ def tradeoff(
     from boat_daq.workflows.measured_methods import tradeoff_methods
 
     known = tradeoff_methods(_painter())
+    wanted = chosen(list(known.values()), methods or (), lambda method: (method.name,))
     if "tracking" not in known:
         notify("OpenCV is not installed: the camera's tracker is not measured")
-    wanted = chosen(list(known.values()), methods or (), lambda method: (method.name,))
     with writing(folder):  # before minutes are spent
         folder.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=folder).close()

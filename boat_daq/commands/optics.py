@@ -140,7 +140,7 @@ def curves_of(name: str) -> FloatArray:
 def _frame(curves: FloatArray, state: int | None, guide: Waveguide) -> tuple[SceneFrame, int]:
     """Return the frame of a state and its number; a file of one state has only that one."""
     from analysis.optics.scene.curves import REST_STATE, frame_of
-    from protocol.base.errors import RequestError
+    from protocol.base.errors import ChoiceError
 
     if len(curves) == 1:
         if state:
@@ -149,7 +149,7 @@ def _frame(curves: FloatArray, state: int | None, guide: Waveguide) -> tuple[Sce
     number = REST_STATE if state is None else state
     if not 0 <= number < len(curves):
         remedy = f"choose 0 (most compressed) to {len(curves) - 1} (most elongated)"
-        raise RequestError(f"there is no state {number}", remedy)
+        raise ChoiceError(f"there is no state {number}", remedy)
     return frame_of(curves, number, guide), number
 
 

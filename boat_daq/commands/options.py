@@ -20,6 +20,7 @@ def one_of(*choices: str) -> Callable[[str | None], str | None]:
             raise typer.BadParameter(f"{value!r} is none of {', '.join(choices)}")
         return value
 
+    check.choices = choices  # type: ignore[attr-defined]  # for the completion of the shell
     return check
 
 

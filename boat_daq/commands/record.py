@@ -239,10 +239,10 @@ def broken_run(path: Path, plan: str | None, changes: dict[str, Any], *, unit: s
 def chosen_plan(name: str | None, changes: dict[str, Any]) -> Plan | None:
     """Return the plan of that name with the values that replace its own; None without a name."""
     from boat_daq.engine.plan import load_plan
-    from protocol.base.errors import RequestError
+    from protocol.base.errors import ChoiceError
 
     if name is None and changes:
-        raise RequestError("--cycles, --dwell and --ramp need a plan", "add --plan NAME")
+        raise ChoiceError("--cycles, --dwell and --ramp need a plan", "add --plan NAME")
     return load_plan(name).changed(**changes) if name is not None else None
 
 

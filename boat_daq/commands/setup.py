@@ -1,19 +1,38 @@
-"""`boat-daq setup`: what is compiled at its first use, compiled now."""
+"""`boat-daq setup`: what is compiled at its first use, compiled now; and the completion of the shell."""
 
 from __future__ import annotations
 
 import time
+from typing import Annotated
+
+import typer
 
 from boat_daq.commands.console import JsonOption, notify, present
+from boat_daq.commands.options import one_of
 
 _TEXTS = {"calibration": "the inverse of calibrations", "rays": "the ray tracer", "shadow": "the finite elements"}
 
 
-def setup(as_json: JsonOption = False) -> None:
+def setup(
+    what: Annotated[
+        str,
+        typer.Argument(metavar="[compile|completion]", callback=one_of("compile", "completion"), help="What to do."),
+    ] = "compile",
+    as_json: JsonOption = False,
+) -> None:
     """Compile the parts that are compiled at their first use, so that no first call waits: once for each version.
 
-    Example: boat-daq setup
+    With `completion` the shell completes commands, options, plans, units, formats and settings.
+
+    Example: boat-daq setup completion
     """
+    if what == "completion":
+        from typer._completion_shared import install
+
+        shell, path = install(prog_name="boat-daq", complete_var="_BOAT_DAQ_COMPLETE")
+        content = {"shell": shell, "path": str(path)}
+        present(content, f"completion of {shell} installed in {path}; start a new terminal", as_json=as_json)
+        return
     from analysis.compile_all import compile_all
     from analysis.compiled import CACHE_FOLDER
 

@@ -16,6 +16,7 @@ from itertools import accumulate
 from typing import Any, TypeVar
 
 from boat_daq.engine.toml_values import BadValue, build
+from protocol.base.errors import one_of
 
 D = TypeVar("D")  # a dataclass
 
@@ -126,7 +127,7 @@ def with_typed(values: D, typed: Mapping[str, str], where: str) -> D:
     known = described(values)
     for key in typed:
         if key not in known:
-            raise BadValue(where, key, "is not a known key", f"Known: {', '.join(known)}.")
+            raise BadValue(where, key, "is not a known key", one_of(key, known))
     new = {key: known[key].value_of(text, where) for key, text in typed.items()}
     return dataclasses.replace(values, **new)  # type: ignore[type-var]
 

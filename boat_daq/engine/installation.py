@@ -48,3 +48,13 @@ def library_versions(names: Iterable[str]) -> dict[str, str]:
         with contextlib.suppress(metadata.PackageNotFoundError):
             found[name] = metadata.version(name)
     return found
+
+
+def address_of(label: str) -> str:
+    """Return an address of the project, by its label in `[project.urls]`; empty where none was published."""
+    with contextlib.suppress(metadata.PackageNotFoundError):
+        for line in metadata.metadata("boat-daq").get_all("Project-URL") or ():
+            name, _, address = line.partition(", ")
+            if name == label and "example.org" not in address:
+                return str(address)
+    return ""

@@ -28,7 +28,7 @@ from typing import Any, Literal
 import tomli_w
 
 from boat_daq.engine.toml_values import BadValue, build, parse_toml, read_text
-from protocol.base.errors import RequestError
+from protocol.base.errors import ChoiceError, RequestError, one_of
 from protocol.recording import SEGMENT_KINDS, Segment
 
 KINDS = ("staircase", "continuous", "profile")
@@ -392,8 +392,8 @@ def load_plan(name_or_path: str) -> Plan:
         return built_in[name_or_path]
     path = Path(name_or_path).expanduser()
     if not path.exists():
-        remedy = f"use {' or '.join(built_in)}, or the path of a TOML file"
-        raise RequestError(f"there is no plan '{name_or_path}'", remedy)
+        remedy = f"{one_of(name_or_path, built_in)}; a plan of your own is the path of its file"
+        raise ChoiceError(f"there is no plan '{name_or_path}'", remedy)
     return plan_from_toml(read_text(path), str(path))
 
 

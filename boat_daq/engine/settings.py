@@ -44,7 +44,7 @@ from boat_daq.engine.described import (
 from boat_daq.engine.file_names import is_device_name, path_in
 from boat_daq.engine.stored_file import BACKUP, read_stored, read_whole, write_stored
 from boat_daq.engine.toml_values import BadValue, build, parse_toml, read_text
-from protocol.base.errors import RequestError, StorageError
+from protocol.base.errors import ChoiceError, RequestError, StorageError
 
 _VERSION = 1
 HOME_VARIABLE = "BOAT_DAQ_HOME"
@@ -316,7 +316,7 @@ class UnitLibrary:
         if name not in self.names():
             known = ", ".join(self.names()) or "none"
             cause = f"no unit {name!r:.60} is stored (stored: {known})"
-            raise RequestError(cause, "Correct the name, or add the unit.", command=f"boat-daq unit new {name:.60}")
+            raise ChoiceError(cause, "Correct the name, or add the unit.", command=f"boat-daq unit new {name:.60}")
         return self.load(name)
 
     def text(self, name: str) -> str:

@@ -12,7 +12,7 @@ from boat_daq.engine.camera.capture import TrackedFrame
 from boat_daq.engine.camera.source import Picture, open_source, open_video
 from boat_daq.engine.session.camera_channel import FAULT_TEXTS, CameraChannel
 from boat_daq.engine.settings import UnitLibrary, load_settings
-from protocol.base.errors import RequestError
+from protocol.base.errors import ChoiceError, RequestError
 from protocol.base.toml_file import read_values
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ class CameraChoice:
         from analysis.tracking.tracker import MarkTracker, Optics
 
         if not (0 <= self.mark_mm <= 500 and 0 <= self.u_mark_mm <= 10):
-            raise RequestError(f"marks of {self.mark_mm:g} mm are not possible", "measure the black square of a mark")
+            raise ChoiceError(f"marks of {self.mark_mm:g} mm are not possible", "measure the black square of a mark")
         stored = UnitLibrary().load(self.unit).lens if self.unit and self.lens is None else {}
         lens = read_lens(self.lens) if self.lens is not None else None
         if stored:

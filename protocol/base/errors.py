@@ -2,6 +2,7 @@
 
     BoatDaqError
     +-- RequestError            the caller: a request or a parameter cannot be met as given
+    |   +-- ChoiceError         a wrong call: a value is none of those allowed, or outside its range
     +-- DataError               the data: they cannot carry the requested figure
     +-- ConvergenceError        the method: it did not reach its own criterion
     +-- FileError               a file: of another kind, or damaged
@@ -17,7 +18,8 @@ Damaged bytes of a link are not errors: they are counted, and the stream continu
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import difflib
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -34,6 +36,10 @@ class BoatDaqError(Exception):
 
 class RequestError(BoatDaqError):
     """A request or a parameter cannot be met as given."""
+
+
+class ChoiceError(RequestError):
+    """A wrong call: a value is none of those allowed, or outside its range."""
 
 
 class DataError(BoatDaqError):
@@ -70,6 +76,13 @@ class RemoteError(DeviceError):
 
 class StorageError(BoatDaqError):
     """The disk failed."""
+
+
+def one_of(name: str, known: Iterable[str]) -> str:
+    """Return the remedy for a name that is not known: the one that is probably meant, else all of them."""
+    names = list(known)
+    close = difflib.get_close_matches(name.lower(), names, 1, 0.75)
+    return f"did you mean {close[0]}?" if close else f"choose one of {', '.join(names)}"
 
 
 def cause_and_remedy(error: BaseException) -> tuple[str, str] | None:

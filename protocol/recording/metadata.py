@@ -5,6 +5,7 @@ They are stored with the session; a later entry is a new event. The newest count
 
 from __future__ import annotations
 
+import difflib
 import json
 import math
 import sqlite3
@@ -12,7 +13,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-from protocol.base.errors import RecordingError, RequestError
+from protocol.base.errors import ChoiceError, RecordingError
 from protocol.recording.checks import FOREIGN
 from protocol.recording.schema import note_of
 
@@ -69,13 +70,16 @@ class Metadata:
                 known[key] = _number(key, text.strip())
             elif key in _TEXTS:
                 known[key] = text.strip()
+            elif meant := difflib.get_close_matches(key.strip().lower(), [*RANGES, *_TEXTS], 1, 0.8):
+                remedy = f"write {meant[0]}={text.strip():.40}, or give your own field a less similar name"
+                raise ChoiceError(f"{key.strip():.40} is no known key: did you mean {meant[0]}?", remedy)
             elif key.strip():
                 fields[key.strip()] = text.strip()
         stated = {key: text for key, text in fields.items() if text}
         try:
             return Metadata.of({**asdict(replace(self, fields=stated)), **known}, MOST)
         except ValueError as error:
-            raise RequestError(str(error), "Correct the value.") from error
+            raise ChoiceError(str(error), "Correct the value.") from error
 
     def filled_from(self, other: Metadata) -> Metadata:
         """Return the metadata with what it does not state taken from another one."""
@@ -117,7 +121,7 @@ def _number(key: str, text: str) -> float | None:
     except ValueError:
         number = math.nan
     if not math.isfinite(number):
-        raise RequestError(f"{key} is {text!r:.40}, no number", "Give a number without its unit.")
+        raise ChoiceError(f"{key} is {text!r:.40}, no number", "Give a number without its unit.")
     return number
 
 

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
-from protocol.base.errors import RequestError
+from protocol.base.errors import ChoiceError
 
 Lasting = Literal["stays", "seconds", "count"]
 
@@ -116,20 +116,20 @@ def parse_fault(text: str) -> Fault:
     head, _, value = text.strip().partition(":")
     name, _, seconds = head.partition("@")
     if name not in FAULTS:
-        raise RequestError(f"there is no fault {name!r}", "use NAME@SECONDS[:VALUE] with one of\n" + fault_list())
+        raise ChoiceError(f"there is no fault {name!r}", "list them", command="boat-daq board --fault list")
     return make_fault(name, _number(text, seconds or "0"), _number(text, value) if value else None)
 
 
 def make_fault(name: str, at_s: float = 0.0, value: float | None = None) -> Fault:
     """Return one of `FAULTS`, by default with the table's value. RequestError: no such name, time or value."""
     if name not in FAULTS:
-        raise RequestError(f"there is no fault {name!r}", "use one of\n" + fault_list())
+        raise ChoiceError(f"there is no fault {name!r}", "list them", command="boat-daq board --fault list")
     kind = FAULTS[name]
     value = kind.default if value is None else value
     if not 0 <= at_s <= 1e9:
-        raise RequestError(f"the fault {name} cannot begin at {at_s:g} s", "count seconds from power-on")
+        raise ChoiceError(f"the fault {name} cannot begin at {at_s:g} s", "count seconds from power-on")
     if not kind.low <= value <= kind.high:
-        raise RequestError(f"the fault {name} cannot have the value {value:g}", f"use {kind.low:g} to {kind.high:g}")
+        raise ChoiceError(f"the fault {name} cannot have the value {value:g}", f"use {kind.low:g} to {kind.high:g}")
     return Fault(name, round(at_s * 1e6), value)
 
 
@@ -139,7 +139,7 @@ def _number(text: str, part: str) -> float:
     except ValueError:
         number = math.nan
     if not math.isfinite(number):
-        raise RequestError(f"{part!r} in the fault {text!r} is not a number", "use NAME@SECONDS[:VALUE]")
+        raise ChoiceError(f"{part!r} in the fault {text!r} is not a number", "use NAME@SECONDS[:VALUE]")
     return number
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from protocol.base.errors import RequestError
+from protocol.base.errors import ChoiceError
 from protocol.link.messages import SIMULATED_PREFIX
 from protocol.simulator.hysteresis import PlaySum
 
@@ -112,7 +112,7 @@ def find_specimen(name: str) -> Specimen:
     specimen = _SPECIMENS.get(base)
     if specimen is None or (ending and (name.endswith(FALLING) or sensors not in SENSOR_COUNTS)):
         known = ", ".join(SPECIMEN_NAMES)
-        raise RequestError(f"there is no virtual unit {name!r}", f"use one of {known}, or e.g. SA1x3 for three sensors")
+        raise ChoiceError(f"there is no virtual unit {name!r}", f"use one of {known}, or e.g. SA1x3 for three sensors")
     if sensors:
         others = (sensor for other in _SPECIMENS.values() if other is not specimen for sensor in other.sensors)
         return replace(specimen, name=name, sensors=(*specimen.sensors, *others)[: int(sensors)])

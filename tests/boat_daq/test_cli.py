@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -12,6 +14,7 @@ import pytest
 import typer.main
 
 from boat_daq.cli import LazyCommands, app
+from tests.boat_daq.commands.calls import program
 
 MOST_OPTIONS, MOST_OF_A_COMMAND = 250, 16
 
@@ -49,7 +52,7 @@ INTERRUPTED_AGAIN = """
 import os, signal
 from boat_daq import __main__, cli
 
-def app():
+def app(**_):
     try:
         os.kill(os.getpid(), signal.SIGINT)
     except KeyboardInterrupt:
@@ -88,6 +91,74 @@ def test_every_command_is_found_under_its_name() -> None:
     """Each name of `--help` loads a command of that name."""
     found = LazyCommands()
     assert {name: command.name for name, command in found.items()} == {name: name for name in found}
+
+
+def commands_of(command: Any, name: str = "boat-daq") -> Iterator[tuple[str, Any]]:
+    """Yield every command by its full name."""
+    yield name, command
+    for word, below in getattr(command, "commands", {}).items():
+        yield from commands_of(below, f"{name} {word}")
+
+
+def test_summaries_are_whole_in_the_help() -> None:
+    """Within 60 characters, in groups, the first commands on top; no name of a command is missing."""
+    found = LazyCommands()
+    assert {name: text for name, text in found.summaries.items() if len(text) > 60} == {}
+    shown = program("-h").out
+    assert shown == program("--help").out == program("help").out
+    lines = [line.split()[0] for line in shown.splitlines() if line.startswith("  ") and line.split()]
+    assert lines.index("demo") < lines.index("gui")
+    assert set(found) <= set(lines)
+    assert "..." not in shown.partition("Begin with")[2]
+    assert [line for line in shown.splitlines() if len(line) > 80] == []
+    for group, names in found.groups.items():
+        listed = program(group)
+        assert listed.code == 0
+        assert all(f"  {name} " in listed.out for name in names)
+
+
+def test_no_type_of_python_is_shown() -> None:
+    """`N`, `PATH`, `TEXT` in place of `<int range>`, and no list."""
+    for name, command in commands_of(typer.main.get_command(app)):
+        shown = program(*name.split()[1:], "--help").out
+        assert re.findall(r"<\w+[^>]*>", shown) == [], name
+        assert "Example: " in shown or hasattr(command, "commands"), name
+
+
+@pytest.mark.parametrize(
+    ("call", "cause", "remedy"),
+    [
+        ("record --json", "Missing option", "boat-daq record --help"),
+        ("analyse x --json", "Did you mean 'analyze'", "boat-daq --help"),
+        ("export a --format xlsx --out b --json", "'xlsx' is none of", "boat-daq export --help"),
+        ("record --port x --plan calibraton --json", "no plan 'calibraton'", "did you mean calibration"),
+        ("optics trace --state 20 --json", "no state 20", "0 (most compressed) to 14"),
+        ("config set rate_hzz=1 --json", "'rate_hzz' is not a known key", "did you mean rate_hz"),
+        ("tradeoff nonsense --out x --json", "no method 'nonsense'", "choose one of"),
+    ],
+)
+def test_a_wrong_call_exits_2_and_is_explained_in_json(call: str, cause: str, remedy: str) -> None:
+    """One object on standard output, two lines on standard error; a misspelled name is recognised."""
+    ended = program(*call.split())
+    assert ended.code == 2
+    content = json.loads(ended.out)
+    assert (cause in content["cause"], remedy in content["remedy"]) == (True, True)
+    assert ended.err.startswith(f"error: {content['cause']}\n  try: {content['remedy']}")
+
+
+def complete(words: str) -> list[str]:
+    """Return what bash would offer for the last word."""
+    environment = {"_BOAT_DAQ_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
+    command = [sys.executable, "-m", "boat_daq"]
+    ended = subprocess.run(command, env={**os.environ, **environment}, capture_output=True, text=True, timeout=60)
+    return ended.stdout.split()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="bash")
+def test_values_are_completed() -> None:
+    """Plans and keys of settings, as names and choices are."""
+    assert {"calibration", "repeatability"} <= set(complete("boat-daq record --plan "))
+    assert complete("boat-daq config set rate_") == ["rate_hz="]
 
 
 def test_ctrl_c_while_ctrl_c_is_handled_keeps_the_exit_code() -> None:

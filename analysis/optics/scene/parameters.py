@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from protocol.base.errors import RequestError
+from protocol.base.errors import ChoiceError
 
 Face = Literal["outer", "inner", "both", "midline"]
 Order = Literal["time", "bounce", "index"]
@@ -36,13 +36,13 @@ FULL_FAINTEST = 1e-3
 
 def _finite(name: str, value: float) -> None:
     if not math.isfinite(value):
-        raise RequestError(f"{name} is {value}, which is not a number", "give a finite number")
+        raise ChoiceError(f"{name} is {value}, which is not a number", "give a finite number")
 
 
 def _between(name: str, value: float, low: float, high: float, unit: str = "") -> None:
     _finite(name, value)
     if not low <= value <= high:
-        raise RequestError(
+        raise ChoiceError(
             f"{name} is {value:g}{unit}, outside {low:g} to {high:g}{unit}",
             f"choose {name} within {low:g} to {high:g}{unit}",
         )
@@ -50,7 +50,7 @@ def _between(name: str, value: float, low: float, high: float, unit: str = "") -
 
 def _one_of(name: str, value: str, allowed: tuple[str, ...]) -> None:
     if value not in allowed:
-        raise RequestError(f"{name} is '{value}', which is unknown", f"choose one of {', '.join(allowed)}")
+        raise ChoiceError(f"{name} is '{value}', which is unknown", f"choose one of {', '.join(allowed)}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,18 +69,18 @@ class Design:
 
     def __post_init__(self) -> None:
         if self.cavities != int(self.cavities) or not 0 <= self.cavities <= 99:
-            raise RequestError(f"{self.cavities} cavities", "choose a whole number from 0 to 99")
+            raise ChoiceError(f"{self.cavities} cavities", "choose a whole number from 0 to 99")
         _one_of("face", self.face, FACES)
         _between("cavity width", self.width_mm, 0.01, 50.0, " mm")
         _between("cavity depth", self.depth_mm, 0.001, 50.0, " mm")
         _finite("cavity spacing", self.spacing_mm)
         if self.spacing_mm <= 0 and self.cavities > 1:
-            raise RequestError(
+            raise ChoiceError(
                 f"cavities overlap: a spacing of {self.spacing_mm:g} mm puts each into its neighbour",
                 "choose a spacing above 0 mm",
             )
         if self.spacing_mm < WAVELENGTH_MM and self.cavities > 1:
-            raise RequestError(
+            raise ChoiceError(
                 f"a spacing of {self.spacing_mm:g} mm is below the wavelength of the light, where rays mean nothing",
                 f"choose a spacing above {WAVELENGTH_MM:g} mm",
             )
@@ -128,7 +128,7 @@ class Waveguide:
         if self.receiver_mm is not None:
             _between("receiver width", self.receiver_mm, 0.0, 500.0, " mm")
         if not 7 <= self.knots <= 200:
-            raise RequestError(f"{self.knots} knots a guide", "choose 7 to 200")
+            raise ChoiceError(f"{self.knots} knots a guide", "choose 7 to 200")
 
 
 def phase_of(rays: int) -> float:
@@ -160,12 +160,12 @@ class Light:
 
     def __post_init__(self) -> None:
         if not 1 <= self.rays <= MOST_RAYS:
-            raise RequestError(f"{self.rays} rays", f"choose 1 to {MOST_RAYS:,} rays".replace(",", " "))
+            raise ChoiceError(f"{self.rays} rays", f"choose 1 to {MOST_RAYS:,} rays".replace(",", " "))
         _between("cone", self.cone_deg, 0.001, 179.9, " degrees")
         _one_of("emission", self.emission, ("uniform", "lambertian"))
         if not ALL <= self.secondary <= 10_000_000:
             remedy = f"choose 0 to 10 000 000, or {ALL} for all"
-            raise RequestError(f"a budget of {self.secondary} secondary rays", remedy)
+            raise ChoiceError(f"a budget of {self.secondary} secondary rays", remedy)
         _one_of("order", self.order, ORDERS)
         _between("path cap", self.path_cap_mm, 1.0, 1e7, " mm")
         _between("faintest power", self.faintest, 0.0, 0.1)

@@ -43,7 +43,7 @@ from analysis.optics.sweep.sweep import (
 from analysis.optics.tracer.tolerance import TRIES, finer, rays_for, stated_error, unmet
 from analysis.progress import Progress
 from protocol.base.arrays import FloatArray
-from protocol.base.errors import RequestError
+from protocol.base.errors import ChoiceError, RequestError
 
 POPULATION = 16
 """Designs of a generation."""
@@ -187,9 +187,9 @@ def optimise(
     be met.
     """
     if not 0 < seconds < np.inf:
-        raise RequestError(f"a search of {seconds:g} s", "allow more than 0 s, 50 s are enough")
+        raise ChoiceError(f"a search of {seconds:g} s", "allow more than 0 s, 50 s are enough")
     if first_face not in ("outer", "inner"):
-        raise RequestError(f"a search of cavities in face '{first_face}'", "choose the outer or the inner face")
+        raise ChoiceError(f"a search of cavities in face '{first_face}'", "choose the outer or the inner face")
     began = time.perf_counter()
     frames = frames_of(curves, guide)
     pool = ThreadPoolExecutor(os.cpu_count() or 1)

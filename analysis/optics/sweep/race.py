@@ -28,7 +28,7 @@ from analysis.optics.sweep.figure_of_merit import FLOOR, merit, p_bounds
 from analysis.optics.sweep.sweep import SweepRequest, SweepResult, run_sweep
 from analysis.progress import Progress, part_of
 from protocol.base.arrays import BoolArray, FloatArray, IntArray
-from protocol.base.errors import RequestError
+from protocol.base.errors import ChoiceError
 
 FIRST_RAYS, RELATED_RAYS = 1_000, 4_000
 """Up to the latter neighbouring rays become related, and twice the rays leave less than half of the error."""
@@ -56,7 +56,7 @@ def rays_of_rounds(most_rays: int, first_rays: int = FIRST_RAYS) -> tuple[int, .
     Raises RequestError: the most are fewer than any race's first.
     """
     if most_rays < FIRST_RAYS:
-        raise RequestError(f"a race with {most_rays} rays at most", f"allow {FIRST_RAYS} rays or more")
+        raise ChoiceError(f"a race with {most_rays} rays at most", f"allow {FIRST_RAYS} rays or more")
     found = [most_rays]
     while (fewer := found[0] // (2 if found[0] <= RELATED_RAYS else 4)) >= first_rays:
         found.insert(0, fewer)
@@ -82,7 +82,7 @@ class Race:
 
     def __post_init__(self) -> None:
         if not 0.0 < self.confidence < 1.0:
-            raise RequestError(f"a confidence of {self.confidence:g}", "choose above 0 and below 1, 0.95 is usual")
+            raise ChoiceError(f"a confidence of {self.confidence:g}", "choose above 0 and below 1, 0.95 is usual")
         self.rays = rays_of_rounds(self.most_rays, self.first_rays)
         self.turns = np.random.default_rng(self.seed).uniform(-0.5, 0.5, len(self.rays))
         n = len(self.designs)
@@ -135,7 +135,7 @@ class Race:
     def run(self, simulate: Simulate, *, seconds: float = np.inf, progress: Progress | None = None) -> Race:
         """Trace designs until every candidate has the most rays, or the time is over; returns itself."""
         if not seconds > 0:
-            raise RequestError(f"a race of {seconds:g} s", "allow more than 0 s")
+            raise ChoiceError(f"a race of {seconds:g} s", "allow more than 0 s")
         end = time.perf_counter() + seconds
         chosen = np.arange(len(self.designs))
         while chosen.size:

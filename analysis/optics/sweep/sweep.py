@@ -34,7 +34,7 @@ from analysis.optics.tracer.simulation import fan_sd, simulate_many, stacked, st
 from analysis.optics.tracer.tally import COUNTS, DETECTED, E_CUT, E_DETECTED, ENERGIES, HITS
 from analysis.progress import Progress
 from protocol.base.arrays import BoolArray, FloatArray, IntArray
-from protocol.base.errors import RequestError
+from protocol.base.errors import ChoiceError, RequestError
 
 Results = tuple[IntArray, FloatArray, FloatArray]
 Common = tuple[SceneFrame, Rules, Fan, IntArray]
@@ -221,7 +221,7 @@ def check_designs(designs: Sequence[Design], frames: Sequence[SceneFrame]) -> No
     Raises RequestError: there are no designs, or one cuts through the guide or does not fit it.
     """
     if not designs:
-        raise RequestError("a sweep without designs", "give at least one number of cavities")
+        raise ChoiceError("a sweep without designs", "give at least one number of cavities")
     tightest = min(range(len(frames)), key=lambda s: frames[s].free_mm)
     for design in designs:
         check_design(frames[tightest], design, f"state {tightest}")

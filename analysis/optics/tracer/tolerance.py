@@ -20,7 +20,7 @@ from analysis.optics.scene.parameters import ALL, MOST_RAYS, PAPER_RAYS, Design,
 from analysis.optics.tracer.simulation import TraceResult, sd_of_sum, trace
 from analysis.progress import Progress
 from protocol.base.arrays import FloatArray
-from protocol.base.errors import RequestError
+from protocol.base.errors import ChoiceError, RequestError
 from protocol.base.uncertainty import COVERAGE_FACTOR
 
 """Standard deviations of a stated error: about 95 %."""
@@ -48,7 +48,7 @@ class ToleratedTrace:
 def check_tolerance(tolerance: float, unit: str) -> None:
     """Reject a tolerance that is not a number above 0. Raises RequestError where it is none."""
     if not 0.0 < tolerance < np.inf:
-        raise RequestError(f"a tolerance of {tolerance:g} {unit}", "give a number above 0")
+        raise ChoiceError(f"a tolerance of {tolerance:g} {unit}", "give a number above 0")
 
 
 def jittered(light: Light) -> Light:

@@ -28,7 +28,7 @@ from analysis.shadow.fem.mesh import LATTICE, WALL, Mesh, check_quality
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.solver import Solution
 from protocol.base.arrays import FloatArray, IntArray
-from protocol.base.errors import FileError, RequestError, writing
+from protocol.base.errors import ChoiceError, FileError, writing
 from protocol.base.whole_file import written_whole
 
 _MAX_BYTES = 32 << 20  # a hundred thousand elements take 20 MB
@@ -48,7 +48,7 @@ def write_state(path: Path, file_format: str, parameters: ActuatorParameters, me
     Raises RequestError if the format is unknown.
     """
     if file_format not in ("vtu", "msh", "inp"):
-        raise RequestError(f"'{file_format}' is not a mesh format of this program", "choose vtu, msh or inp")
+        raise ChoiceError(f"'{file_format}' is not a mesh format of this program", "choose vtu, msh or inp")
     with writing(path), written_whole(path) as part:
         if file_format == "inp":
             part.write_text(calculix_deck(parameters, mesh, solution.pressure_kpa), encoding="ascii")

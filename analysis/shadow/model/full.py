@@ -22,7 +22,7 @@ from analysis.shadow.fem.stability import CriticalState, Stability, compressible
 from analysis.shadow.model.guides import Guides, make_guides
 from analysis.warning import Warning, WarningCode
 from protocol.base.arrays import FloatArray
-from protocol.base.errors import DataError, RequestError
+from protocol.base.errors import ChoiceError, DataError, RequestError
 
 VACUUM_KPA = -101.325
 FINE_ENOUGH = (8, 2, 2)
@@ -53,7 +53,7 @@ def check_values(pressure_kpa: float | None, elongation_mm: float | None) -> Non
     RequestError : if neither is given.
     """
     if pressure_kpa is None and elongation_mm is None:
-        raise RequestError("neither a pressure nor an elongation is given", "give one of them, or both")
+        raise ChoiceError("neither a pressure nor an elongation is given", "give one of them, or both")
     for name, value in (("pressure", pressure_kpa), ("elongation", elongation_mm)):
         if value is not None and not math.isfinite(value):
             raise DataError(

@@ -21,7 +21,7 @@ from scipy import stats
 
 from analysis.data.csv_table import Table, read_table
 from protocol.base.arrays import FloatArray
-from protocol.base.errors import DataError, FileError, RequestError
+from protocol.base.errors import ChoiceError, DataError, FileError, RequestError
 
 FEWEST_POINTS = 5
 CONTACT_SHARE = 0.01
@@ -137,7 +137,7 @@ def check_request(test: CompressionTest, window: tuple[float, float]) -> None:
         if not (np.isfinite(value) and value > 0.0):
             raise RequestError(f"the specimen's {name} is {value}", f"give the {name} at rest, above zero")
     if not 0.0 <= window[0] < window[1] <= 0.8:
-        raise RequestError(f"the window is from {window[0]} to {window[1]} strain", "give 0 <= from < to <= 0.8")
+        raise ChoiceError(f"the window is from {window[0]} to {window[1]} strain", "give 0 <= from < to <= 0.8")
 
 
 def loading_branch(test: CompressionTest) -> tuple[FloatArray, FloatArray, float]:

@@ -30,7 +30,7 @@ from analysis.shadow.model.reduced import ReducedModel
 from analysis.shadow.monitoring.cusum import SelfStartingCusum, cycles_between_alarms, smallest_shift, threshold_for
 from analysis.shadow.monitoring.leak import LeakWatch, second_branch
 from protocol.base.arrays import FloatArray
-from protocol.base.errors import DataError, RequestError
+from protocol.base.errors import ChoiceError, DataError
 
 ActuatorFault = Literal["leak", "softening", "stiffening", "drift", "sensor disagreement"]
 HEALTHY_CYCLES_BETWEEN_ALARMS = 1000.0
@@ -241,7 +241,7 @@ class Monitor:
 
     def __init__(self, table: ReducedModel, healthy_cycles: float = HEALTHY_CYCLES_BETWEEN_ALARMS) -> None:
         if not healthy_cycles >= 10.0:
-            raise RequestError(f"one false alarm in {healthy_cycles:g} cycles is too many", "allow one in 10 or fewer")
+            raise ChoiceError(f"one false alarm in {healthy_cycles:g} cycles is too many", "allow one in 10 or fewer")
         self.table = table
         self.watched = np.array([[rise is not None, fall is not None] for _, _, _, rise, fall in _CHANNELS])
         self.threshold = threshold_for(healthy_cycles, int(self.watched.sum()))

@@ -42,7 +42,7 @@ import numpy as np
 
 from boat_daq.engine.simulator.virtual_camera import MjpegStream, VideoFile, VirtualCamera, parse_camera_fault, scene_of
 from boat_daq.own_packages import start_module
-from protocol.base.errors import BoatDaqError, DeviceError, RequestError
+from protocol.base.errors import BoatDaqError, ChoiceError, DeviceError, RequestError
 from protocol.simulator.board import VirtualBoard
 from protocol.simulator.faults import parse_fault
 
@@ -134,7 +134,7 @@ class TcpCarrier:
     def __init__(self, address: str, *, allow_remote: bool = False) -> None:
         host, colon, port = address.rpartition(":")
         if not colon or not port.isdecimal() or int(port) > 65535:
-            raise RequestError(f"{address!r} is not HOST:PORT", "use 127.0.0.1:0 for any free port")
+            raise ChoiceError(f"{address!r} is not HOST:PORT", "use 127.0.0.1:0 for any free port")
         self._host = host.strip("[]") or "127.0.0.1"
         if self._host not in _LOOPBACK and not allow_remote:
             remedy = "use 127.0.0.1, or add --allow-remote: the connection is neither encrypted nor authenticated"
@@ -260,7 +260,7 @@ class BoardServer:
     def __init__(self, settings: BoardSettings) -> None:
         """Open the port; `url` is what a host connects to."""
         if not _SPEEDS[0] <= settings.speed <= _SPEEDS[1]:
-            raise RequestError(f"a speed of {settings.speed:g} is not possible", "use 1 to 1000")
+            raise ChoiceError(f"a speed of {settings.speed:g} is not possible", "use 1 to 1000")
         self._speed = settings.speed
         self._buffer_bytes = settings.buffer_bytes
         faults = [parse_fault(text) for text in settings.faults]

@@ -23,7 +23,7 @@ import numpy as np
 from boat_daq.engine.camera.video import FRAMES_PER_S, VideoStore
 from boat_daq.engine.simulator.picture import FAULTLESS, CameraScene, Disturbance, Picture, Renderer
 from protocol.base.arrays import FloatArray
-from protocol.base.errors import DeviceError, RequestError
+from protocol.base.errors import ChoiceError, DeviceError, one_of
 from protocol.base.optional import optional
 from protocol.simulator.plant import TICK_S
 
@@ -60,16 +60,15 @@ def parse_camera_fault(text: str) -> CameraFault:
     """Return the fault in NAME@SECONDS[:DURATION]; without a duration it stays."""
     head, _, lasting = text.strip().partition(":")
     name, _, start = head.partition("@")
-    listed = "\n".join(f"  {key:14} {sentence}" for key, (sentence, _) in CAMERA_FAULTS.items())
     if name not in CAMERA_FAULTS:
-        remedy = f"use NAME@SECONDS[:DURATION] with one of\n{listed}"
-        raise RequestError(f"there is no fault of the camera {name!r}", remedy)
+        remedy = one_of(name, CAMERA_FAULTS)
+        raise ChoiceError(f"there is no fault of the camera {name!r}", remedy)
     try:
         numbers = float(start or "0"), float(lasting or "inf")
     except ValueError:
         numbers = (math.nan, math.nan)
     if not (numbers[0] >= 0 and numbers[1] > 0):
-        raise RequestError(f"{text!r} has no usable times", "use NAME@SECONDS[:DURATION]")
+        raise ChoiceError(f"{text!r} has no usable times", "use NAME@SECONDS[:DURATION]")
     return CameraFault(name, *numbers)
 
 
@@ -82,14 +81,14 @@ def scene_of(values: Mapping[str, str]) -> CameraScene:
             number = float(text)
             parsed[name] = kinds[name](number)
         except KeyError:
-            raise RequestError(f"the virtual camera has no {name!r}", f"use one of {', '.join(kinds)}") from None
+            raise ChoiceError(f"the virtual camera has no {name!r}", f"use one of {', '.join(kinds)}") from None
         except (ValueError, OverflowError):
-            raise RequestError(f"{text!r} is not a value of {name}", "give a number; 1 or 0 for texture") from None
+            raise ChoiceError(f"{text!r} is not a value of {name}", "give a number; 1 or 0 for texture") from None
     scene = CameraScene(**parsed)
     if not (64 <= scene.width <= 4096 and 48 <= scene.height <= 4096 and 1 <= scene.px_per_mm <= 200):
-        raise RequestError("a virtual camera of that size is not possible", "use 64 to 4096 pixels, 1 to 200 px/mm")
+        raise ChoiceError("a virtual camera of that size is not possible", "use 64 to 4096 pixels, 1 to 200 px/mm")
     if not (0.5 <= scene.mark_mm <= 100 and abs(scene.tilt_deg) < 60 and scene.noise_grey >= 0 and scene.blur_px > 0):
-        raise RequestError("the marks, the tilt, the noise or the blur are not possible", "use values near the default")
+        raise ChoiceError("the marks, the tilt, the noise or the blur are not possible", "use values near the default")
     return scene
 
 

@@ -46,8 +46,8 @@ def test_json_line_has_the_true_figures(monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "code", "word"),
     [
-        (["--tcp", "127.0.0.1:0", "--fault", "meteor@3"], 1, "meteor"),
-        (["--tcp", "127.0.0.1:0", "--unit", "SA9"], 1, "SA9"),
+        (["--tcp", "127.0.0.1:0", "--fault", "meteor@3"], 2, "meteor"),
+        (["--tcp", "127.0.0.1:0", "--unit", "SA9"], 2, "SA9"),
         (["--tcp", "10.0.0.1:5000"], 1, "--allow-remote"),
         ([], 2, "--pty"),
         (["--pty", "--tcp", "127.0.0.1:0"], 2, "--pty"),

@@ -44,8 +44,8 @@ def test_settings_are_set_and_shown():
         (("config", "set", "rate_hz=0"), "must be 1 to 65535 Hz, not 0", ""),
         (("config", "set", "rate_hz=1.5"), "a whole number", ""),
         (("config", "set", "allow_remote=perhaps"), "must be on or off", ""),
-        (("config", "set", "colour=3"), "'colour' is not a known key", "rate_hz, baud"),
-        (("config", "get", "colour"), "'colour' is not a known key", "rate_hz, baud"),
+        (("config", "set", "colour=3"), "'colour' is not a known key", "choose one of rate_hz, baud"),
+        (("config", "get", "colour"), "'colour' is not a known key", "choose one of rate_hz, baud"),
         (("unit", "new", "../SA1"), "'name'", ""),
         (("unit", "set", "SA9", "min_kpa=-25"), "no unit 'SA9' is stored", "boat-daq unit new SA9"),
         (("unit", "new", "SA7", "min_kpa=5"), "'min_kpa'", ""),
@@ -53,9 +53,9 @@ def test_settings_are_set_and_shown():
     ],
 )
 def test_a_bad_value_is_refused_by_key(words, cause, remedy):
-    """Nothing is stored then."""
+    """A wrong call: nothing is stored then."""
     ended = program(*words)
-    assert ended.code == 1
+    assert ended.code == 2
     assert cause in ended.err and remedy in ended.err
     assert UnitLibrary().names() == []
 

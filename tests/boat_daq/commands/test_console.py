@@ -26,7 +26,7 @@ def test_output_of_any_encoding_is_written(encoding: str, monkeypatch: pytest.Mo
     bytes_out = io.BytesIO()
     with io.TextIOWrapper(bytes_out, encoding) as stream:
         monkeypatch.setattr(sys, "stdout", stream)
-        console.accept_every_character()
+        console.prepare_output()
         print("b1 − 0.2 µm², 20 °C – Grün 日本")
         text = {"note": "χ² ≤ 3 µV 日本"}
         console.emit_json(text)

@@ -118,7 +118,7 @@ def test_load_by_name_or_path(tmp_path: Path) -> None:
     assert load_plan(str(tmp_path / "own.toml")) == own
     with pytest.raises(RequestError, match="no plan 'no such'") as refusal:
         load_plan("no such")
-    assert "calibration or repeatability" in refusal.value.remedy
+    assert "calibration, repeatability" in refusal.value.remedy
 
 
 def test_plans_of_a_folder_beside_the_built_in_ones(tmp_path: Path) -> None:

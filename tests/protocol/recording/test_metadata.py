@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from protocol.base.errors import RequestError
+from protocol.base.errors import ChoiceError, RequestError
 from protocol.recording import Metadata
 
 
@@ -41,3 +41,11 @@ def test_a_unit_keeps_its_item_but_neither_note_nor_ambient_conditions() -> None
     stated = Metadata("Eve", "A", "I", "7", "wet", 21.0, 40.0, {"batch": "7"})
     assert stated.of_unit() == Metadata("Eve", "A", "I", "7", fields={"batch": "7"})
     assert Metadata(item="J").filled_from(stated.of_unit()) == Metadata("Eve", "A", "J", "7", fields={"batch": "7"})
+
+
+def test_a_misspelled_key_is_no_field_of_ones_own() -> None:
+    """What resembles a known key is refused with the key that is meant; other names are fields."""
+    for key, meant in (("custmer", "customer"), ("serial_nummer", "serial_number")):
+        with pytest.raises(ChoiceError, match=f"did you mean {meant}"):
+            Metadata().changed({key: "x"})
+    assert Metadata().changed({"room": "B 2.11"}).fields == {"room": "B 2.11"}

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.compiled import compiled, compiled_reassociating
+from analysis.compiled import compiled_reassociating, inside
 from protocol.base.arrays import FloatArray
 
 PAD = 3
@@ -23,7 +23,7 @@ def empty_band(size: int, bandwidth: int) -> FloatArray:
     return np.zeros((size, bandwidth + 1 + PAD))
 
 
-@compiled
+@inside
 def add_to_band(band: FloatArray, row: int, column: int, value: float) -> None:
     """Add `value` to entry (row, column) of the lower triangle.
 

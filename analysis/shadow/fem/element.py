@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from analysis.compiled import compiled
+from analysis.compiled import compiled, inside
 from analysis.shadow.fem import material
 from analysis.shadow.fem.band import add_to_band
 from protocol.base.arrays import FloatArray, IntArray
@@ -81,13 +81,21 @@ def elements_of(nodes: FloatArray, quads: IntArray, moduli: FloatArray, points_a
     return Elements(quads, moduli, gradient, 2.0 * np.pi * radius * det * np.outer(w, w).ravel())
 
 
-@compiled
+@inside
+def clear(matrix: FloatArray) -> None:
+    """Set a matrix to zero, as `matrix[:] = 0.0` does, which takes numba long to compile."""
+    for i in range(matrix.shape[0]):
+        for j in range(matrix.shape[1]):
+            matrix[i, j] = 0.0
+
+
+@inside
 def deformation_gradient(gradient: FloatArray, u: FloatArray, quad: IntArray, f: FloatArray) -> None:
     """Write the five entries of F at one point into `f`.
 
     `gradient`: shape (3, 8). `u`: shape (n, 2), mm. `quad`: shape (8,). `f`: shape (5,).
     """
-    f[:] = (1.0, 0.0, 0.0, 1.0, 1.0)
+    f[0], f[1], f[2], f[3], f[4] = 1.0, 0.0, 0.0, 1.0, 1.0
     for a in range(8):
         ur, uz = u[quad[a], 0], u[quad[a], 1]
         f[0] += gradient[0, a] * ur
@@ -158,7 +166,7 @@ def internal_tangent(elements: Elements, u: FloatArray, equations: IntArray, ban
     cb = np.empty((2, 5))
     ke = np.empty((16, 16))
     for e in range(gradient.shape[0]):
-        ke[:] = 0.0
+        clear(ke)
         for g in range(gradient.shape[1]):
             grad = gradient[e, g]
             deformation_gradient(grad, u, quads[e], f)
@@ -175,7 +183,7 @@ def internal_tangent(elements: Elements, u: FloatArray, equations: IntArray, ban
         scatter(ke, quads[e], equations, band)
 
 
-@compiled
+@inside
 def scatter(ke: FloatArray, quad: IntArray, equations: IntArray, band: FloatArray) -> None:
     """Add an element matrix, given by its blocks a >= b, to the band; a pair of tied freedoms counts twice.
 

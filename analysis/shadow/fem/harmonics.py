@@ -17,10 +17,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.compiled import compiled
+from analysis.compiled import compiled, inside
 from analysis.shadow.fem import material
 from analysis.shadow.fem.band import empty_band
-from analysis.shadow.fem.element import Elements, deformation_gradient
+from analysis.shadow.fem.element import Elements, clear, deformation_gradient
 from analysis.shadow.fem.pressure import DERIVATIVES, VALUES, WEIGHTS, edge_point
 from analysis.shadow.fem.problem import Problem
 from protocol.base.arrays import BoolArray, FloatArray, IntArray
@@ -34,7 +34,7 @@ def harmonic_tangent(elements: Elements, u: FloatArray, n: int, equations: IntAr
     even, odd, shear = np.zeros((5, 24)), np.zeros((4, 24)), np.zeros((4, 4))
     ke = np.empty((24, 24))
     for e in range(gradient.shape[0]):
-        ke[:] = 0.0
+        clear(ke)
         for q in range(gradient.shape[1]):
             grad = gradient[e, q]
             deformation_gradient(grad, u, quads[e], f)
@@ -52,7 +52,7 @@ def harmonic_tangent(elements: Elements, u: FloatArray, n: int, equations: IntAr
         scatter_block(ke, quads[e], equations, band)
 
 
-@compiled
+@inside
 def shear_tangent(f: FloatArray, g: FloatArray, moduli: FloatArray, c: FloatArray) -> None:
     """Write dP/dF of the group rt, zt, tr, tz into the symmetric `c`.
 
@@ -62,7 +62,7 @@ def shear_tangent(f: FloatArray, g: FloatArray, moduli: FloatArray, c: FloatArra
     i1 = f[0] ** 2 + f[1] ** 2 + f[2] ** 2 + f[3] ** 2 + f[4] ** 2
     a = 2.0 * moduli[0] * j ** (-2.0 / 3.0)
     ex = (a * i1 / 3.0 - 2.0 / moduli[1] * (j * j - j)) * g[4]
-    c[:] = 0.0
+    clear(c)
     for i in range(4):
         c[i, i] = a
     c[0, 2] = c[2, 0] = ex * g[0]
@@ -71,7 +71,7 @@ def shear_tangent(f: FloatArray, g: FloatArray, moduli: FloatArray, c: FloatArra
     c[1, 3] = c[3, 1] = ex * g[3]
 
 
-@compiled
+@inside
 def scatter_block(block: FloatArray, members: IntArray, equations: IntArray, band: FloatArray) -> None:
     """Add a full symmetric matrix of three freedoms a node to the lower band.
 
@@ -105,7 +105,7 @@ def harmonic_pressure(
     p, n = load[0], load[1]
     ke = np.empty((9, 9))
     for edge in edges:
-        ke[:] = 0.0
+        clear(ke)
         for g in range(3):
             r, dr, dz = edge_point(nodes, u, edge, g)
             w = 0.5 * np.pi * p * WEIGHTS[g]

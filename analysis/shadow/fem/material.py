@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.compiled import compiled
+from analysis.compiled import compiled, inside
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import RequestError
 
@@ -51,7 +51,7 @@ class NeoHookean:
         return 6.0 * (1.0 - 2.0 * self.poisson_ratio) / self.youngs_modulus_kpa
 
 
-@compiled
+@inside
 def determinant(f: FloatArray) -> float:
     """Return J = det F of the five entries `f`."""
     return float((f[0] * f[3] - f[1] * f[2]) * f[4])
@@ -65,7 +65,7 @@ def energy(f: FloatArray, c10: float, d1: float) -> float:
     return float(c10 * (j ** (-2.0 / 3.0) * i1 - 3.0) + (j - 1.0) ** 2 / d1)
 
 
-@compiled
+@inside
 def inverse_transpose(f: FloatArray, g: FloatArray) -> float:
     """Write G = F^-T into `g` and return J."""
     j = determinant(f)

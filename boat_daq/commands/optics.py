@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -39,9 +40,7 @@ Rays = Annotated[int, typer.Option(help="Rays released.")]
 OptionalRays = Annotated[int | None, typer.Option(help="Rays released; default 250, or the precision's.")]
 Secondary = Annotated[
     int | None,
-    typer.Option(
-        help="Budget of secondary (reflected) rays, -1 for all; default 100, or in proportion to a precision's rays."
-    ),
+    typer.Option(help="Budget of secondary (reflected) rays, -1 for all; default 100 for each 250 rays."),
 ]
 Order = Annotated[str | None, typer.Option(help="Order in which the budget is spent: time (default), bounce or index.")]
 Index = Annotated[float | None, typer.Option(help="Refractive index of the resin; default 1.50.")]
@@ -98,9 +97,14 @@ def released_rays(
     """
     from analysis.fidelity import fidelity
 
-    number = rays or (PAPER_RAYS if level is None else of_level(fidelity(level)))
-    in_proportion = PAPER_SECONDARY if level is None else round(PAPER_SECONDARY * number / PAPER_RAYS)
-    return number if rays is None else rays, in_proportion if secondary is None else secondary
+    chosen = PAPER_RAYS if level is None else of_level(fidelity(level))
+    number = chosen if rays is None else rays
+    return number, secondaries_of(number) if secondary is None else secondary
+
+
+def secondaries_of(rays: int) -> int:
+    """Return the budget of secondary rays in proportion to the paper's."""
+    return round(PAPER_SECONDARY * rays / PAPER_RAYS)
 
 
 def _scene_of(
@@ -296,7 +300,7 @@ def scene_command(
     chosen = _scene_of(scene, index=index, curves=curves, order=order, secondary=secondary)
     _notify_unused(chosen, "attenuation_db_per_cm", "faintest")
     design, guide = Design(cavities, width, depth, spacing, chosen.face), chosen.guide
-    light = chosen.light(rays, PAPER_SECONDARY if chosen.secondary is None else chosen.secondary)
+    light = chosen.light(rays, secondaries_of(rays) if chosen.secondary is None else chosen.secondary)
     frame, number = _frame(curves_of(chosen.curves), state, guide)
     name = f"BOAT n={cavities} w={width:g} d={depth:g} s={spacing:g} mm, state {number}"
     built = ray_optics_scene(frame, design, guide, light, name)
@@ -378,6 +382,7 @@ def _sweep(
     request: SweepRequest, out: Path | None, scheduler: str | None, *, allow_remote: bool, as_json: bool
 ) -> None:
     """Run a sweep, write its files and print its result; parameters are those of the command."""
+    begun = time.perf_counter()
     from analysis.optics.sweep.fans import compare_fans, fans_of
     from analysis.optics.sweep.report import sweep_json, sweep_text, write_sweep
     from analysis.optics.sweep.sweep import FILE_NAME, run_sweep
@@ -393,7 +398,8 @@ def _sweep(
     if out is not None:
         for path in write_sweep(result, out):
             notify(f"wrote {path}")
-    present(sweep_json(result, turned), sweep_text(result, turned), as_json=as_json)
+    seconds = time.perf_counter() - begun
+    present(sweep_json(result, turned, seconds), sweep_text(result, turned, seconds), as_json=as_json)
 
 
 def _race(

@@ -18,6 +18,7 @@ from protocol.base.errors import DataError
 
 DEGREE = 3
 _DRAWS = 500
+_RANKED = 50
 _TIE = 0.025
 _LARGE = 1e3
 """Noncentral chi-square above which its root is normal with sd 1, to 0.015 on the safe side."""
@@ -92,6 +93,8 @@ class Uncertainty:
 
     p_ci: FloatArray  # (n, 2) 95 % interval of each design's P
     tied: FloatArray  # (n,) whether a design equals the best within noise
+    # 1 - Spearman's correlation of P with itself traced again with as many rays, the median of the draws
+    rank_error: float
 
 
 def uncertainty(ndr: FloatArray, sd: FloatArray, floor: float, *, draws: int = _DRAWS, seed: int = 0) -> Uncertainty:
@@ -113,7 +116,10 @@ def uncertainty(ndr: FloatArray, sd: FloatArray, floor: float, *, draws: int = _
     low, high = np.quantile(drawn, [0.025, 0.975], axis=0)
     best = int(np.argmax(p))
     tied = np.mean(drawn >= drawn[:, best : best + 1], axis=0) >= _TIE
-    return Uncertainty(np.stack([np.minimum(low, p), np.maximum(high, p)], axis=1), tied)
+    ranks, again = stats.rankdata(p), stats.rankdata(drawn[:: max(1, draws // _RANKED)], axis=1)
+    alike = [np.corrcoef(ranks, one)[0, 1] for one in again] if np.ptp(ranks) > 0 else [np.nan]
+    rank_error = 1.0 - float(np.nanmedian(alike)) if np.isfinite(alike).any() else 0.0
+    return Uncertainty(np.stack([np.minimum(low, p), np.maximum(high, p)], axis=1), tied, rank_error)
 
 
 def p_bounds(

@@ -44,6 +44,8 @@ _DPI = 160
 _FAINT, _STRONG = 0.01, 0.22
 _MOST_DRAWN = 400
 _SHOWN = 3
+RANKS_ALIKE = 0.05
+"""Tolerance of a ranking: of 1 - its rank correlation, as in the trade-off."""
 SEVERAL = {"count": "counts", "power": "powers"}
 _UNITS = {"count": "rays of 250", "power": "power of 250 rays"}
 _GROUPS = {"all": "designs", "same_cavities": "with as many cavities", "paper_map": "in its map"}
@@ -217,8 +219,11 @@ def _columns(result: SweepResult) -> dict[str, Any]:
     }
 
 
-def sweep_json(result: SweepResult, fans: FanResult | None = None) -> dict[str, Any]:
-    """Return the object of `optics sweep --json`; `fans` are the same sweep with its fan turned."""
+def sweep_json(result: SweepResult, fans: FanResult | None = None, seconds: float | None = None) -> dict[str, Any]:
+    """Return the object of `optics sweep --json`.
+
+    `fans`: the same sweep with its fan turned. `seconds`: time for all that was done; of the sweep alone where None.
+    """
     columns, found = _columns(result), fans or compare_fans(result, 1)
     designs = [
         {**asdict(d), **{name: column[i] for name, column in columns.items()}} for i, d in enumerate(result.designs)
@@ -231,13 +236,15 @@ def sweep_json(result: SweepResult, fans: FanResult | None = None) -> dict[str, 
     return {
         "simulations": result.ndr.size,
         "simulated_now": result.simulated,
-        "seconds": result.seconds,
+        "seconds": result.seconds if seconds is None else seconds,
         "hits": result.hits,
         "rays": result.request.light.rays,
+        "secondary": result.request.light.secondary,
         "phase": result.request.light.phase,
         "jitter": result.request.light.jitter,
         "by": result.request.by,
         "error": count_errors(result),
+        "rank_error": result.uncertainty().rank_error,
         "not_followed": _not_followed(result),
         "version": program_version(),
         "designs": designs,
@@ -281,13 +288,13 @@ def _line(label: str, design: Design, merit: Merit, i: int) -> str:
     )
 
 
-def sweep_text(result: SweepResult, fans: FanResult | None = None) -> str:
+def sweep_text(result: SweepResult, fans: FanResult | None = None, seconds: float | None = None) -> str:
     """Return the same as a few lines of text."""
     found = fans or compare_fans(result, 1)
     merit, spread = result.merit(), result.uncertainty()
     best, paper = int(np.argmax(merit.p)), result.find()
     lines = [
-        f"{result.ndr.size} simulations, {result.simulated} now, in {result.seconds:.2f} s, {result.hits} hits",
+        f"{result.ndr.size} simulations, {result.simulated} now, {result.hits} hits",
         _line("best", result.designs[best], merit, best),
         f"95 % interval of its P: {spread.p_ci[best, 0]:.3f} to {spread.p_ci[best, 1]:.3f}; "
         f"{int(spread.tied.sum())} of {len(result.designs)} designs equal within noise",
@@ -304,6 +311,13 @@ def sweep_text(result: SweepResult, fans: FanResult | None = None) -> str:
         most = [f"{design_label(d)} {share:.0%}".replace("%", " %") for d, share in found.winners()[:_SHOWN]]
         number = f"{len(found.winners())} designs win one of {len(found.p)} turns of the fan"
         lines.append(f"{number}; share of the leading ones: {', '.join(most)}")
+    if spread.rank_error > RANKS_ALIKE:
+        lines.append(
+            f"{result.request.light.rays} rays cannot rank these designs (1 - rank correlation {spread.rank_error:.2g} "
+            f"by the scatter of the rays, tolerance {RANKS_ALIKE:g}): use --confidence 0.95, or --fidelity normal"
+        )
+    if seconds is not None:
+        lines.append(f"{len(found.p) * result.ndr.size} simulations with all turns, and pictures, in {seconds:.1f} s")
     return "\n".join(lines)
 
 

@@ -210,12 +210,12 @@ def test_a_time_limit_is_of_a_race() -> None:
         ((None, None), None, (250, 100)),
         ((None, None), "reference", (1_000, 400)),
         ((600, None), "reference", (600, 240)),
-        ((600, None), None, (600, 100)),
+        ((600, None), None, (600, 240)),
         ((600, 7), "draft", (600, 7)),
     ],
 )
 def test_options_precede_the_fidelity_and_the_fidelity_the_paper(
     given: tuple[int | None, int | None], level: Level | None, released: tuple[int, int]
 ) -> None:
-    """Rays and secondary rays, with and without --fidelity; the documented defaults are 250 and 100."""
+    """Rays and secondary rays, with and without --fidelity; the documented defaults are 250, and 100 for each 250."""
     assert released_rays(*given, level, lambda chosen: chosen.rays) == released

@@ -85,3 +85,12 @@ def test_too_few_states_are_refused() -> None:
     """A cubic through four states leaves no residuals."""
     with pytest.raises(DataError, match="too few"):
         merit(np.ones((2, 4)), FLOOR)
+
+
+def test_the_error_of_a_ranking_is_that_of_a_sweep_traced_again() -> None:
+    """No noise leaves the order; noise far above the differences leaves no correlation."""
+    states, slopes = np.arange(15.0), np.linspace(1.0, 3.0, 40)
+    ndr = 200.0 - slopes[:, None] * states + np.where(states % 2, 1.0, -1.0)
+    still, loud = (uncertainty(ndr, np.full_like(ndr, sd), 0.1).rank_error for sd in (1e-9, 500.0))
+    assert still < 1e-6
+    assert 0.7 < loud < 1.3

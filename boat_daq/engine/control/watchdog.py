@@ -95,10 +95,11 @@ class StreamWatch:
     ----------
     begun : whether any arrived on this link.
     silent : whether none has arrived for `silence_s`, until the next one.
+    urgent : whether the system runs the reading thread before others.
     """
 
     def __init__(self, rate_hz: int) -> None:
-        self.rate_hz = rate_hz
+        self.rate_hz, self.urgent = rate_hz, True
         self.begun = self.silent = False
         self._last_ns = self._pause_ended_ns = 0
 

@@ -58,6 +58,7 @@ class PortReader:
         self._stop = threading.Event()
         self._last_byte_ns = clock_ns()
         self.heard_ns = self._last_byte_ns  # all bytes that had arrived by then were read and passed on
+        self.urgent = True  # False where the system does not let the reading thread run before others
         self._silent = False
         self._thread = threading.Thread(target=self._run, name=f"reader {transport.description}", daemon=True)
 
@@ -112,7 +113,7 @@ class PortReader:
             self._thread.join()
 
     def _run(self) -> None:
-        raise_priority()
+        self.urgent = raise_priority()
         try:
             while not self._stop.is_set():
                 self._turn()
@@ -189,16 +190,18 @@ def _name(sink: Sink) -> str:
     return getattr(sink, "__qualname__", type(sink).__name__)
 
 
-def raise_priority() -> None:
-    """Have the system run this thread before others, where it allows that: a busy computer delays it less."""
+def raise_priority() -> bool:
+    """Have the system run this thread before others, so that a busy computer delays it less; return whether it does."""
     if sys.platform == "linux":
         try:
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), URGENT_NICE)
         except PermissionError:  # a user without the right (RLIMIT_NICE)
-            note("info", f"{threading.current_thread().name} has normal priority: this user may not raise it")
+            note("warning", f"{threading.current_thread().name} has normal priority: this user may not raise it")
+            return False
     elif sys.platform == "win32":
         import ctypes
 
         kernel = ctypes.windll.kernel32
         kernel.GetCurrentThread.restype = ctypes.c_void_p
-        kernel.SetThreadPriority(ctypes.c_void_p(kernel.GetCurrentThread()), 2)  # THREAD_PRIORITY_HIGHEST
+        return bool(kernel.SetThreadPriority(ctypes.c_void_p(kernel.GetCurrentThread()), 2))  # THREAD_PRIORITY_HIGHEST
+    return sys.platform == "linux"

@@ -21,7 +21,7 @@ from boat_daq.engine.link.block import Block, PortLost, SinkFailed
 from boat_daq.engine.link.health import LinkHealth
 from boat_daq.engine.link.opening import OpenPort, open_port
 from boat_daq.engine.link.ports import PortInfo, find_port, usb_port
-from boat_daq.engine.link.reader import PortReader
+from boat_daq.engine.link.reader import PortReader, raise_priority
 from boat_daq.engine.link.replay import ReplayEnded
 from boat_daq.engine.log import note_failure
 from boat_daq.engine.sample_columns import mv_per_count
@@ -128,6 +128,7 @@ class LinkSupervisor:
     # ---- the supervisor's thread -----------------------------------------------------------------------------------
 
     def _run(self) -> None:
+        raise_priority()
         while not self._ending or self.state in _BUSY:
             self._wake.wait(SUPERVISION_S if self.state in _BUSY else None)
             self._wake.clear()
@@ -153,6 +154,7 @@ class LinkSupervisor:
         """Let time pass for the controller."""
         with self._acting() as control:
             if self.reader is not None:
+                control.stream.urgent = self.reader.urgent
                 control.tick(time.monotonic_ns(), self.reader.heard_ns)
             if self.health is not None:
                 self.health.real_time = control.board.meter.speed <= FAST

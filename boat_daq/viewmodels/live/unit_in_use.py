@@ -18,6 +18,7 @@ from boat_daq.workflows.calibration_in_force import newest_calibration
 from boat_daq.workflows.jobs import Background
 from boat_daq.workflows.live_conversion import Conversion, prepare
 from boat_daq.workflows.unit_control import regulator_of
+from protocol.base.errors import RequestError
 
 _LASTING_S = 3.0
 _EVERY_S = 0.5
@@ -105,6 +106,8 @@ class UnitInUse:
 
     def regulator(self, snapshot: SessionSnapshot, step_mv: float) -> Regulator:
         """Return the regulator of the unit on the bench; `step_mv` is the signal of one count."""
+        if self.held:
+            raise RequestError("the control is compiled once after an installation", "try again in some seconds")
         fusion = self.conversion.fusion if self.conversion is not None else None
         units = self._units.of(simulated=snapshot.simulated)
         return regulator_of(units, self.name(snapshot), fusion=fusion, step_mv=step_mv)

@@ -10,6 +10,7 @@ from boat_daq.viewmodels import app_model
 from boat_daq.viewmodels.app_model import AppModel
 from boat_daq.workflows.jobs import JobState
 from boat_daq.workflows.live_conversion import compile_conversion, compile_rest
+from protocol.base.errors import RequestError
 
 
 @pytest.mark.parametrize(
@@ -38,6 +39,8 @@ def test_the_conversion_is_compiled_first_and_then_released(tmp_path, monkeypatc
     model.jobs.poll()
     assert started == [compile_conversion]
     assert model.unit.held
+    with pytest.raises(RequestError, match="compiled once"):
+        model.unit.regulator(session.snapshot(), 1.0)
     job = model.jobs.get("conversion code")
     job.state, job.result = ended, missing
     model.jobs.poll()

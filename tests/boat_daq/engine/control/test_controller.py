@@ -74,10 +74,11 @@ def test_lost_vents_are_repeated_and_do_not_multiply() -> None:
 
 
 @pytest.mark.fault(60, how="the port stays unread for 1.5 s and for 3.5 s while bytes wait in it")
-@pytest.mark.parametrize(("unread_s", "vents"), [(1.5, False), (3.5, True)])
-def test_a_port_that_this_computer_reads_late_is_no_silence(unread_s: float, *, vents: bool) -> None:
-    """Bytes wait in the port: no silence for 3 s, then a trip whose message names this computer."""
+@pytest.mark.parametrize(("unread_s", "vents", "urgent"), [(1.5, False, True), (3.5, True, True), (3.5, True, False)])
+def test_a_port_that_this_computer_reads_late_is_no_silence(unread_s: float, *, vents: bool, urgent: bool) -> None:
+    """Bytes wait in the port: no silence for 3 s, then a trip that names this computer, and a priority not allowed."""
     rig = ControllerRig().running(built_in_plans()["repeatability"])
+    rig.control.stream.urgent = urgent
     rig.run(1.0)
     heard_ns, waiting = rig.now_ns, b""
     for _ in range(round(unread_s / 0.02)):
@@ -91,6 +92,7 @@ def test_a_port_that_this_computer_reads_late_is_no_silence(unread_s: float, *, 
     assert (rig.control.interlock.latched is not None) == vents
     if vents:
         assert "this computer was too busy" in rig.control.interlock.latched.cause
+        assert ("higher priority" in rig.control.interlock.latched.remedy) != urgent
 
 
 @pytest.mark.parametrize(("starved_s", "survives"), [(0.70, True), (0.40, False)])

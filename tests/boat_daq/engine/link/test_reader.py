@@ -56,6 +56,23 @@ def test_reader_runs_first_where_the_system_allows_it():
     reader, _, _ = identified(BoardTransport(VirtualBoard(), end_us=1_000_000))
     assert os.getpriority(os.PRIO_PROCESS, reader._thread.native_id) == urgent_nice()
     assert os.getpriority(os.PRIO_PROCESS, os.getpid()) > URGENT_NICE
+    assert reader.urgent == (urgent_nice() == URGENT_NICE)
+    reader.stop()
+
+
+def test_reader_without_the_right_to_a_priority_says_so(monkeypatch):
+    """It reads all the same, and the log names the thread."""
+    noted = []
+
+    def refuse(*_: int) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr("boat_daq.engine.link.reader.note", lambda level, text: noted.append((level, text)))
+    monkeypatch.setattr(os, "setpriority", refuse)
+    monkeypatch.setattr(sys, "platform", "linux")
+    reader, _, _ = identified(BoardTransport(VirtualBoard(), end_us=1_000_000))
+    assert not reader.urgent
+    assert noted == [("warning", f"{reader._thread.name} has normal priority: this user may not raise it")]
     reader.stop()
 
 

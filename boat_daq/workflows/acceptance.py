@@ -24,7 +24,6 @@ from protocol.base.errors import RequestError
 from protocol.recording.elongation_file import CONFIRMED
 
 if TYPE_CHECKING:
-    from analysis.calibration_export.verdict import Verdict
     from analysis.figures.pipeline import Analysis
 
 CHECK_FIRST = "correct it, leave it out, or confirm it with a reason"
@@ -48,6 +47,40 @@ class Obstacle(NamedTuple):
     def __str__(self) -> str:
         """Return both as a sentence."""
         return f"{self.cause}{f': {self.consequence}' if self.consequence else ''}."
+
+
+@dataclass(frozen=True, slots=True)
+class ReadingToCheck:
+    """A reading to be checked; `step` is that of the recording, None for one of a file."""
+
+    step: int | None
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class RunVerdict:
+    """The verdict of a run as texts and codes: the window takes it from a helper process without SciPy and pandas.
+
+    `code` and `state` are those of `analysis.calibration_export.verdict`.
+    """
+
+    code: str = "limits"
+    state: str = "none"
+    headline: str = ""
+    check_count: str = ""
+    check_text: str = ""
+    limits_text: str = ""
+    readings: tuple[ReadingToCheck, ...] = ()
+
+    @classmethod
+    def of(cls, found: Analysis) -> RunVerdict:
+        """Return the verdict of an analysed run."""
+        from analysis.calibration_export.verdict import verdict_of
+
+        v = verdict_of(found)
+        readings = tuple(ReadingToCheck(one.step, one.text) for one in v.readings)
+        texts = v.headline, v.check_count, v.check_text, v.limits_text
+        return cls(str(v.code), str(v.state), *texts, readings)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,7 +118,7 @@ class RunCalibration:
     stepped: bool = True  # whether the plateaus are steps of a plan, at which readings are typed
     recording_id: str = ""
     curve: str = ""  # the choice that was fitted
-    verdict: Verdict | None = None
+    verdict: RunVerdict | None = None
 
     @property
     def calibrated(self) -> bool:
@@ -96,7 +129,6 @@ class RunCalibration:
 def run_calibration(found: Analysis, path: Path) -> RunCalibration:
     """Return the calibration of an analysed run."""
     from analysis.calibration_export.run_record import sensor_record
-    from analysis.calibration_export.verdict import verdict_of
     from analysis.figures.acceptance import out_of_tolerance
 
     sensors = []
@@ -117,7 +149,7 @@ def run_calibration(found: Analysis, path: Path) -> RunCalibration:
         stepped=bool(len(recording.steps)),
         recording_id=recording.identity,
         curve=str(found.options.degree),
-        verdict=verdict_of(found),
+        verdict=RunVerdict.of(found),
     )
 
 
@@ -174,6 +206,16 @@ def confirm_readings(run: RunCalibration, reason: str, *, reader: str = "") -> i
             note=f"{CONFIRMED}{reason.strip()}",
         )  # fmt: skip
     return len(readings)
+
+
+def change_readings(path: Path, values: Mapping[int, float | None]) -> dict[int, float | None]:
+    """Store newer readings of a closed recording, by step, None to withdraw one; return those before."""
+    stored = ClosedRun(path)
+    latest = {reading.step_id: reading for reading in stored.readings()}
+    for step, mm in values.items():
+        before = latest[step]
+        stored.add_reading(step, mm, before.source, resolution_mm=before.resolution_mm)
+    return {step: latest[step].elongation_mm for step in values}
 
 
 def missed_bounds(run: RunCalibration, posterior: Sequence[Mapping[str, Any]] = ()) -> tuple[str, ...]:

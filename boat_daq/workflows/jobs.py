@@ -57,6 +57,13 @@ class JobFailure:
         return f"{self.cause}. {self.remedy}".strip()
 
 
+@dataclass(frozen=True, slots=True)
+class First:
+    """A result that a job sends before its last one."""
+
+    result: object
+
+
 def _yield_to_acquisition() -> None:
     """Give this process the lowest priority, and leave one core to the threads that read, record and control."""
     if sys.platform == "win32":
@@ -81,8 +88,11 @@ def _run(pipe: Connection, function: Callable[..., object], args: tuple[Any, ...
             pipe.send((JobState.RUNNING, float(done) / float(total) if total else None))
 
     try:
-        if "progress" in inspect.signature(function).parameters:
+        parameters = inspect.signature(function).parameters
+        if "progress" in parameters:
             kwargs = {**kwargs, "progress": progress}
+        if "first" in parameters:
+            kwargs = {**kwargs, "first": lambda result: pipe.send((JobState.RUNNING, First(result)))}
         pipe.send((JobState.DONE, function(*args, **kwargs)))
     except BaseException as error:  # noqa: BLE001 - the window decides; nothing may be lost on the way
         known = cause_and_remedy(error) or (f"{type(error).__name__}: {error}", "")
@@ -114,13 +124,17 @@ def prepare(load: Callable[[], object]) -> None:
 
 
 class Job:
-    """A function of a module that runs in its own process; its parameter `progress`, if any, takes (done, total)."""
+    """A function of a module that runs in its own process.
+
+    Its parameters `progress` and `first`, if any, take (done, total) and a result that is shown before the last one.
+    """
 
     def __init__(self, label: str, function: Callable[P, object], /, *args: P.args, **kwargs: P.kwargs) -> None:
         self.label = label
         self.state = JobState.RUNNING
         self.fraction: float | None = None
         self.result: Any = None
+        self.first: Any = None
         self.failure: JobFailure | None = None
         self.target: Path | None = None  # that it writes: no part of it is left where it is cancelled
         if _prepared:
@@ -147,6 +161,9 @@ class Job:
                 details = f"exit code {self._process.exitcode}"
                 cause = f"{self.label}: the process ended without a result"
                 state, value = JobState.FAILED, JobFailure(cause, "Start it again.", details)
+            if isinstance(value, First):
+                self.first = value.result
+                continue
             if state is JobState.RUNNING:
                 self.fraction = value
                 continue
@@ -173,11 +190,14 @@ class JobRunner:
 
     def __init__(self) -> None:
         self._running: dict[str, tuple[Job, Callable[[Job], None]]] = {}
+        self._first: dict[str, Callable[[Any], None]] = {}
 
-    def start(self, name: str, job: Job, then: Callable[[Job], None]) -> Job:
-        """Run `job` under `name`. `then`: function of the ended job, called by `poll`."""
+    def start(
+        self, name: str, job: Job, then: Callable[[Job], None], first: Callable[[Any], None] = lambda _: None
+    ) -> Job:
+        """Run `job` under `name`; `poll` calls `then` with the ended job, and `first` with its first result."""
         self.cancel(name)
-        self._running[name] = (job, then)
+        self._running[name], self._first[name] = (job, then), first
         return job
 
     def get(self, name: str) -> Job | None:
@@ -191,7 +211,11 @@ class JobRunner:
     def poll(self) -> None:
         """Take what has arrived; call `then` of each job that has ended."""
         for name, (job, then) in list(self._running.items()):
-            if job.poll() is not JobState.RUNNING:
+            ended = job.poll() is not JobState.RUNNING
+            first, job.first = job.first, None
+            if first is not None and not ended and self.get(name) is job:
+                self._first[name](first)
+            if ended:
                 if self.get(name) is job:
                     del self._running[name]
                 then(job)

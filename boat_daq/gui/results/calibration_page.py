@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 from PySide6.QtCore import Qt
@@ -13,13 +14,14 @@ from PySide6.QtWidgets import QBoxLayout, QFrame, QGridLayout, QLayout, QScrollA
 from analysis.calibration.compare import Agreement
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
-from boat_daq.gui.plotting.plot import Curve, ThemeColour, sensor_colour
+from boat_daq.gui.plotting.plot import Curve, Plot, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.results.camera_tab import CameraTab
 from boat_daq.gui.results.certificate_panel import CertificatePanel
 from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.gui.results.contributions_form import ContributionsForm
-from boat_daq.gui.results.figure_table import SIDE, FigureTable
+from boat_daq.gui.results.figure_table import SIDE, FigureTable, KeyFigures
+from boat_daq.gui.results.repeat_page import limit_lines
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
@@ -33,11 +35,11 @@ from boat_daq.viewmodels.results.calibration import (
     CalibrationModel,
 )
 from boat_daq.viewmodels.results.calibration_texts import NextStep, missing, warnings
-from boat_daq.viewmodels.results.run_result import CurveBands, LoopSet, RunResult, SensorResult
+from boat_daq.viewmodels.results.run_result import CurveBands, RunResult, SensorResult
 from protocol.base.arrays import FloatArray
 
 _BESIDE = 2  # curves in a row
-VERDICT_EXAMPLE = "\u25cf Sensor 1: R\u00b2 = 0.99999   Sensor 2: R\u00b2 = 0.99999"
+VERDICT_EXAMPLE = "\u25b2 U = 0.13 mm (k = 2) from -2.5 to 4.0 mm; 1 reading to check"
 BANDS = "Uncertainty bands"
 BANDS_TIP = (
     "Bands that include the uncertainty from the grid of the readings: samples the posterior of the coefficients with "
@@ -57,7 +59,6 @@ TABLE_ERROR_TIP = (
 ACCEPT_TIP = "Store it with the unit and use it live"
 ANYWAY_TIP = "Store it with the unit, marked as out of tolerance, and use it live"
 _NO_CYCLE = "A loop needs one complete cycle."
-NO_READINGS = "Elongation over pressure needs the readings of a complete cycle."
 _BRANCHES = (("Loading", "Residual, loading", True), ("Unloading", "Residual, unloading", False))
 CONTRIBUTIONS_TIP = "State what grid, parallax, pressure gauge and temperature add to the uncertainty"
 CERTIFICATE_TIP = "Certificate of this calibration as PDF and XML: requests what is missing, and shows the pages"
@@ -121,32 +122,43 @@ class CurveCard(PlotCard):
 
 
 class LoopCard(PlotCard):
-    """Quantities over pressure in all cycles, each in its plot, as many as a run has."""
+    """Loading minus unloading over pressure in all cycles: sensors in one plot, the actuator below, with the limit.
 
-    def __init__(self, title: str, missing: str, ordinate: Callable[[int], tuple[str, str, str, ThemeColour]]) -> None:
-        super().__init__(title)
-        self.missing, self.ordinate = missing, ordinate
-        self.curves: list[Curve] = []
-        self._arrange(1)
+    A loop of some per cent over its full range would be a line.
+    """
 
-    def _arrange(self, shown: int) -> None:
-        for number in range(len(self.plots) + 1, shown + 1):
-            axis, unit, name, colour = self.ordinate(number)
-            self.curves.append(self.add(axis, unit, x_title="Pressure", x_unit="kPa").curve(name, colour, gaps=True))
+    def __init__(self) -> None:
+        super().__init__("Hysteresis", "Loading minus unloading of every cycle, over pressure")
+        self.sensors = self.add("Sensors", "% FSO", x_title="Pressure", x_unit="kPa", stretch=3)
+        self.actuator = self.add("Actuator", "% of span", x_title="Pressure", x_unit="kPa", stretch=2)
         self.link_x()
-        self.show_only(self.plots[:shown])
-        self.paint_theme(self.theme)
+        for plot in self.plots:
+            plot.line(lambda t: t.muted, style_=Qt.PenStyle.SolidLine)
+        self.curves: list[Curve] = []
+        self.elongation = self.actuator.curve("Actuator", lambda t: t.elongation, gaps=True)
+        self.limits: list[tuple[Plot, Any]] = []
 
-    def show_loops(self, loops: LoopSet, ordinates: Sequence[FloatArray]) -> None:
-        """Draw all cycles of each quantity."""
-        drawn = ordinates if loops.numbers else ()
-        if not len(drawn):
-            self.clear()
-            self.show_empty(self.missing)
+    def show_loops(self, result: RunResult) -> None:
+        """Draw all cycles of each sensor, and of the elongation where it was read."""
+        for plot, line in self.limits:
+            plot.remove_line(line)
+        self.limits = []
+        self.clear()
+        self.show_empty("" if result.loops.numbers else _NO_CYCLE)
+        if not result.loops.numbers:
             return
-        self._arrange(len(drawn))
-        for plot, curve, ordinate in zip(self.plots, self.curves, drawn, strict=False):
-            curve.set(*loops.broken(loops.pressure_kpa, ordinate, np.arange(len(loops.numbers))))
+        for n in range(len(self.curves) + 1, len(result.sensors) + 1):
+            self.curves.append(self.sensors.curve(f"Sensor {n}", sensor_colour(n), gaps=True))
+        cycles = np.arange(len(result.loops.numbers))
+        for i, (curve, sensor) in enumerate(zip(self.curves, result.sensors, strict=False)):
+            curve.set(*result.loops.opened(i, sensor.cycles.full_scale_mv, cycles))
+        x, y = result.loops.actuator_opened(cycles)
+        self.elongation.set(x, y)
+        self.show_only(self.plots if x.size else [self.sensors])
+        self.limits = limit_lines(self.sensors, result.sensors[0].cycles.whole) if result.sensors else []
+        self.readout.setText("loading minus unloading")
+        self.paint_theme(self.theme)
+        for plot in self.plots:
             plot.fit()
 
 
@@ -211,13 +223,10 @@ class CalibrationPage(QWidget):
         self.curve_grid = QGridLayout()
         self.curve_grid.setSpacing(style.GAP)
         self._add_cards(_BESIDE)
-        self.loops = LoopCard(
-            "Loops over pressure", _NO_CYCLE, lambda n: (f"Signal {n}", "mV", f"Sensor {n}", sensor_colour(n))
-        )
-        elongation = ("Elongation", "mm", "Elongation", lambda t: t.elongation)
-        self.actuator = LoopCard("Actuator hysteresis", NO_READINGS, lambda _: elongation)
+        self.loops = LoopCard()
         self.uncertainty = UncertaintyCard()
-        self.table = FigureTable()
+        self.figures = KeyFigures("results", services.preferences)
+        self.table = self.figures.table
         empty = EmptyState(
             "No run has been analysed yet",
             "You will see each sensor's points and curve with its bands, the hysteresis loops and the figures with "
@@ -231,7 +240,7 @@ class CalibrationPage(QWidget):
     @property
     def plots(self) -> tuple[PlotCard, ...]:
         """The cards with plots."""
-        return (*self.curves, self.loops, self.actuator, self.uncertainty, self.camera.card)
+        return (*self.curves, self.loops, self.uncertainty, self.camera.card)
 
     def _add_cards(self, sensors: int) -> None:
         """Add the cards that are missing, two in a row; a later one is copied and saved like the first."""
@@ -254,14 +263,13 @@ class CalibrationPage(QWidget):
         self.missing = EmptyState("", "", "Enter readings \u2026", self._next_step)
         self.upper = Leaves(widgets.holder(self.curve_grid), self.missing)
         widgets.grow(self.upper)
-        keep = self.services.preferences
-        lower = Shares("loops", keep, (self.loops, 1), (self.actuator, 1), beside=True)
-        left = Shares("curves", keep, (self.upper, 5), (lower, 4))
+        left = Shares("curves", self.services.preferences, (self.upper, 5), (self.loops, 4))
         sides = Divided("calibration", self.services.preferences, left, self._side(), SIDE, stacks=True)
         return widgets.holder(widgets.column(self._head(), (sides, 1), spacing=style.GAP))
 
     def _head(self) -> QWidget:
-        self.verdict = widgets.label("", "subtitle", elide=True)
+        self.verdict = widgets.label("", "title", wrap=True, name="Verdict")
+        self.detail = widgets.label("", wrap=True, name="Limits, and where the calibration is used")
         self.headline = widgets.label("", "muted", elide=True)
         self.again = widgets.button("Analyse again", self._again)
         self.sample = widgets.button(BANDS, lambda: self.services.notices.attempt(self.model.sample), tip=BANDS_TIP)
@@ -271,8 +279,27 @@ class CalibrationPage(QWidget):
         ask = partial(ask_open, self, self.services, "Open a recording or a table", "boat csv", self.services.open)
         opens = widgets.button("Open \u2026", ask)
         self.buttons = widgets.row(self.again, opens, self.sample, self.report, self.certificate, self.accept)
-        self.head = widgets.row((widgets.column(self.verdict, self.headline, spacing=0), 1), self.buttons)
-        return widgets.card(self.head, self._warnings())[0]
+        self.head = widgets.row((widgets.column(self.verdict, self.detail, self.headline, spacing=0), 1), self.buttons)
+        return widgets.card(self.head, self._check(), self._warnings())[0]
+
+    def _check(self) -> QWidget:
+        """Return the line with the readings to be checked and the three ways to settle them."""
+        self.to_check = widgets.label("", wrap=True, name="Readings to be checked")
+        self.correct = widgets.button("Correct \u2026", self._edit_readings, tip="Type what the grid shows")
+        leave = partial(self.services.notices.attempt, self.model.leave_out_readings)
+        self.leave_out = widgets.button("Leave out", leave, tip="Withdraw it from the curve (undo: Ctrl+Z)")
+        hint = "Reason, such as: read again"
+        self.reason = widgets.field("Reason to keep the reading", on_enter=self._confirm, placeholder=hint)
+        self.reason.setFixedWidth(style.PANE_WIDTH_NARROW)
+        self.confirm = widgets.button("Confirm", self._confirm, tip="Keep it; the reason is stored with the reading")
+        ways = widgets.row(self.correct, self.leave_out, self.reason, self.confirm, None)
+        self.check_line = widgets.inside(widgets.column(self.to_check, ways))
+        self.check_line.hide()
+        return self.check_line
+
+    def _confirm(self) -> None:
+        if self.services.notices.attempt(lambda: self.model.confirm_readings(self.reason.text())):
+            self.reason.clear()
 
     def _warnings(self) -> QWidget:
         """Return the lines under the verdict: what is out of tolerance, and the button to the readings."""
@@ -337,7 +364,7 @@ class CalibrationPage(QWidget):
         uncertainty = widgets.inside(widgets.column(*parts, spacing=style.GAP))
         self.camera = CameraTab()
         others = (self._curve_tab(), "Curve"), (widgets.inside(compared), "Previous"), (self.camera, "Camera")
-        pages = (self.table, "Figures"), (uncertainty, "Uncertainty"), *others
+        pages = (self.figures, "Figures"), (uncertainty, "Uncertainty"), *others
         self.tabs = widgets.tabs("Figures, and the comparison with the previous calibration", *pages)
         self.posterior = widgets.label("", "small", wrap=True)
         self.run_warnings = widgets.label("", "small", wrap=True)
@@ -389,6 +416,8 @@ class CalibrationPage(QWidget):
         state, verdict = self.model.verdict()
         self.verdict.setText(verdict)
         widgets.set_state(self.verdict, state)
+        self.detail.setText(self.model.detail())
+        self.detail.setVisible(bool(self.detail.text()))
         self.headline.setText(self.model.headline())
         self._show_acceptance()
         self.choice.setCurrentIndex(self.choice.findData(self.model.curve_shown))
@@ -417,12 +446,10 @@ class CalibrationPage(QWidget):
         if lacking is not None:
             self._step = lacking.step
             self.missing.say(lacking.title, lacking.text, lacking.step.value)
-        self.loops.show_loops(result.loops, list(result.loops.signal_mv))
-        elongation = result.loops.elongation_mm
-        self.actuator.show_loops(result.loops, () if elongation is None else (elongation,))
+        self.loops.show_loops(result)
         labels = [sensor.label for sensor in result.sensors]
         self.uncertainty.show_uncertainty(result.u_elongation)
-        self.table.show_rows(result.figures, labels)
+        self.figures.show_figures(result.key_figures, result.figures, labels)
         self.budget.show_rows(result.uncertainty, labels)
         self.traced.setText(self.model.uncertainty_text())
         self._show_camera(result)
@@ -440,6 +467,9 @@ class CalibrationPage(QWidget):
     def _show_acceptance(self) -> None:
         """Show the warnings of the curves; out of tolerance, acceptance is possible but not the primary action."""
         missed, lines, obstacle = self.model.out_of_tolerance(), self.model.acceptance_warnings(), self.model.obstacle()
+        checks = self.model.check_lines()
+        self.check_line.setVisible(bool(checks) and not self.model.working)
+        self.to_check.setText("\n".join(checks))
         self.warnings_line.setVisible(bool(lines))
         self.warnings.setText("\n".join(lines))
         self.readings.setVisible(self.model.last_path is not None and self.model.last_path.suffix == ".boat")
@@ -454,8 +484,8 @@ class CalibrationPage(QWidget):
         for card in self.plots:
             card.clear()
             card.show_empty("Nothing to show yet." if self.model.working else "Nothing to show.")
-        for table in (self.table, self.budget):
-            table.show_rows((), ())
+        self.figures.show_figures((), (), ())
+        self.budget.show_rows((), ())
         for label in (self.posterior, self.run_warnings, self.comparison, self.traced):
             label.clear()
         for rows in (self.coefficients, self.candidates):

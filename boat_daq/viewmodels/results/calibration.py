@@ -22,7 +22,7 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionState
 from boat_daq.formatting import count, duration, number
-from boat_daq.viewmodels.common.notices import Severity
+from boat_daq.viewmodels.common.notices import Severity, sentence
 from boat_daq.viewmodels.common.services import Change, Services
 from boat_daq.viewmodels.common.tolerance import TypedTolerance, tolerance_choice
 from boat_daq.viewmodels.results.calibration_texts import Cells, coefficient_row, curve_row, missing, readings_text
@@ -32,8 +32,11 @@ from boat_daq.viewmodels.results.metadata import MetadataModel
 from boat_daq.viewmodels.results.run_result import CurveBands, RunResult, SensorResult, analyse_run, sample_run
 from boat_daq.workflows.acceptance import (
     Obstacle,
+    ReadingToCheck,
+    RunVerdict,
     accept,
     accepted_record,
+    change_readings,
     confirm_readings,
     missed_bounds,
     obstacle_to,
@@ -47,6 +50,9 @@ from protocol.base.errors import BoatDaqError, RequestError
 from protocol.base.units import NOTHING
 from protocol.recording.elongation_file import read_elongation_rows
 
+VERDICT_LOOKS = {  # state of a verdict -> state and mark of its text
+    "ok": ("ok", "\u25cf"), "check": ("warning", "\u25b2"), "fail": ("fault", "\u25a0"), "none": ("", "\u25cb"),
+}  # fmt: skip
 ACCEPT, ANYWAY = "Accept", "Accept anyway"
 Action = Callable[[], None]
 EXPORTED_TABLE_ERRORS = tuple(TypedTolerance(mm, "mm") for mm in (0.01, 0.001, 0.0001))
@@ -133,7 +139,7 @@ class CalibrationModel:
         job = Job(
             f"Analysing {path.name}", analyse_run, str(path), level=self.fidelity.level, curve=self.choice, compare=True
         )  # fmt: skip
-        self.jobs.start("analysis", job, self._analysed)
+        self.jobs.start("analysis", job, self._analysed, self.show)
 
     def contributions(self) -> ContributionsModel:
         """Return the type B contributions of the unit of the run; the run is analysed again after each change."""
@@ -317,38 +323,69 @@ class CalibrationModel:
 
     def acceptance_warnings(self) -> tuple[str, ...]:
         """Return what prevents acceptance of the curves, then the figures out of tolerance."""
-        if self.result is None or missing(self.result) is not None:
+        if self.result is None or missing(self.result) is not None or self.to_check():
             return ()
         obstacle = obstacle_to(self.result)
         lines = missed_bounds(self.result, self._sampler())
         return lines if obstacle is None else (str(obstacle), *lines)
+
+    def to_check(self) -> tuple[ReadingToCheck, ...]:
+        """Return the readings that must be corrected, left out or confirmed before the calibration is accepted."""
+        found = self.result.verdict if self.result is not None else None
+        return found.readings if found is not None else ()
+
+    def check_lines(self) -> tuple[str, ...]:
+        """Return the readings to be checked, a sentence each."""
+        return tuple(f"Check {one.text}." for one in self.to_check())
+
+    def leave_out_readings(self) -> None:
+        """Withdraw the readings to be checked, undoably, and analyse the run again."""
+        path, steps = self.last_path, [one.step for one in self.to_check() if one.step is not None]
+        if path is None or not steps:
+            raise RequestError("the readings are in a file", "Delete their lines there, then analyse again.")
+        before: dict[int, float | None] = {}
+
+        def change(values: Mapping[int, float | None]) -> None:
+            before.update(change_readings(path, values))
+            if self.last_path == path:
+                self._start(path)
+
+        text = f"leaving out {count(len(steps), 'reading')}"
+        out = dict.fromkeys(steps)
+        self._services.undo.push(Change(text, lambda: change(out), lambda: change(dict(before))))
 
     def obstacle(self) -> Obstacle | None:
         """Return why the calibration cannot be accepted; None when it can."""
         return Obstacle("The run is being analysed") if self.working else obstacle_to(self.result)
 
     def verdict(self) -> tuple[str, str]:
-        """Return (state, text) for the top of the page."""
+        """Return (state, text) for the top of the page: what the calibration may be used for."""
         if self.failure is not None:
             return "fault", f"\u25a0 {self.failure.cause}"
-        if self.working:
-            return "", "Analysing \u2026"
         if self.result is None:
-            return "", ""
-        missed = bool(self.out_of_tolerance())
+            return "", "Analysing \u2026" if self.working else ""
+        found = self.result.verdict or RunVerdict()
+        headline = found.headline[:1].upper() + found.headline[1:]
+        if self.working:
+            return "", f"\u25cb {headline}"
         if self.accepted is not None:
-            suffix = " out of tolerance" if missed else ""
+            state, _ = VERDICT_LOOKS[found.state]
+            return state, f"\u2713 Accepted: {found.headline}"
+        state, mark = VERDICT_LOOKS[found.state]
+        return state, f"{mark} {headline}"
+
+    def detail(self) -> str:
+        """Return the line under the verdict: what is still computed, where it is used, or the limits."""
+        if self.result is None:
+            return ""
+        found = self.result.verdict or RunVerdict()
+        limits = sentence(found.limits_text) if found.limits_text != found.headline else ""
+        if self.working:
+            return "Intervals follow \u2026" if self.result.preliminary else "Analysing again \u2026"
+        if self.accepted is not None:
             use = "the simulated unit, used on virtual boards" if self.result.simulated else "the unit and used live"
-            return "warning" if missed else "ok", f"\u2713 Accepted{suffix}: stored with {use}"
-        obstacle = self.obstacle()
-        if obstacle is not None:
-            found = self.result.verdict
-            to_check = found is not None and found.readings
-            return "warning", f"\u25b2 {obstacle.cause if to_check else f'Not a calibration: {obstacle.cause}'}"
-        if missed:
-            return "warning", "\u25b2 Out of tolerance: figures miss their bounds"
-        fits = [(s.label, s.record.fit["r2"]) for s in self.result.sensors if not s.void]
-        return "ok", "\u25cf " + "   ".join(f"{label}: R\u00b2 = {number(r2, 5)}" for label, r2 in fits)
+            return f"Stored with {use}. {limits}".strip()
+        return limits
 
     def _sampler(self) -> list[Mapping[str, Any]]:
         return [bands.sampler for bands in self.posterior]

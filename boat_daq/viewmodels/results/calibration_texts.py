@@ -43,11 +43,11 @@ def readings_text(result: RunResult) -> str:
     n, read = result.plateaus, result.read
     if not n:
         return ""
-    text = f"{read or 'none'} of {count(n, 'plateau')} read"
     used = sorted({sensor.x.size for sensor in result.sensors if sensor.fit is not None})
     if not used:
-        return text
-    return f"{text}, {'all' if used == [read] else ' or '.join(map(str, used))} in the curve"
+        return f"{read or 'none'} of {count(n, 'plateau')} read"
+    rest = f", {n - read} not read" if n > read else ""
+    return f"{' or '.join(map(str, used))} of {count(read, 'reading')} used{rest}"
 
 
 def missing(result: RunResult) -> NoCurve | None:

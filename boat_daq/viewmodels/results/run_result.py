@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -174,6 +174,7 @@ class RunResult(RunCalibration):
     u_reason : reason of each sensor for which U is not given everywhere.
     candidates : the curves of each sensor; none where they were not compared.
     key_figures : the six figures that are read first.
+    preliminary : whether the intervals are rough, and the result with the final ones follows.
     drift_half, spread_half : half widths of the 95 % intervals of drift (% FSO per 100 cycles) and repeatability
         (% FSO), of the worse sensor.
     """
@@ -192,6 +193,7 @@ class RunResult(RunCalibration):
     candidates: tuple[tuple[CurveCandidate, ...], ...] = ()
     camera: CameraResult | None = None
     key_figures: tuple[tuple[Cell, ...], ...] = ()
+    preliminary: bool = False
     drift_half: float = math.nan
     spread_half: float = math.nan
 
@@ -208,19 +210,34 @@ def analyse_run(
     curve: str = "",
     compare: bool = False,
     progress: Progress | None = None,
+    first: Callable[[object], None] | None = None,
 ) -> RunResult:
-    """Return all figures and curves of a recording, without the posterior; `compare` tries every curve."""
-    from analysis.figures.uncertainty import curve_candidates_of
-    from analysis.stopping.criterion import DRIFT, SPREAD, half_width
+    """Return all figures and curves of a recording, without the posterior; `compare` tries every curve.
 
-    found = analysed_run(Path(path), curve=curve, level=level, progress=part_of(progress, 0, 2, 4))
+    `first` takes the curves and figures with rough intervals, as soon as they are known.
+    """
+    from analysis.figures.uncertainty import curve_candidates_of
+
+    if first is not None:
+        rough = analysed_run(Path(path), curve=curve, level="draft", progress=part_of(progress, 0, 1, 4))
+        first(_run_result(rough, Path(path), preliminary=True))
+    found = analysed_run(Path(path), curve=curve, level=level, progress=part_of(progress, 1, 1, 4))
     candidates = []
     if compare and found.budgets is not None:
         for i in range(len(found.sensors)):
             candidates.append(curve_candidates_of(found, i, found.budgets.x_mm))
             part_of(progress, 2, 2, 4)(i + 1, len(found.sensors))
+    return _run_result(found, Path(path), candidates)
+
+
+def _run_result(
+    found: Analysis, path: Path, candidates: Sequence[tuple[CurveCandidate, ...]] = (), *, preliminary: bool = False
+) -> RunResult:
+    """Return an analysed run as the pages show it."""
+    from analysis.stopping.criterion import DRIFT, SPREAD, half_width
+
     loops, budgets = found.loops, found.budgets.budgets if found.budgets is not None else ()
-    run = run_calibration(found, Path(path))
+    run = run_calibration(found, path)
     shown = {name.name: getattr(run, name.name) for name in fields(run) if name.name != "sensors"}
     return RunResult(
         **shown,
@@ -240,6 +257,7 @@ def analyse_run(
         camera=camera_result(found),
         drift_half=half_width(found.sensors, DRIFT)[0],
         spread_half=half_width(found.sensors, SPREAD)[0],
+        preliminary=preliminary,
     )
 
 

@@ -73,7 +73,7 @@ class CheckedReading:
     @property
     def text(self) -> str:
         """Reading, pressure and fault, e.g. `+10.00 mm at +10 kPa, 9.2 mm from the others`."""
-        return f"{self.mm:+.2f} mm at {self.kpa:+.0f} kPa, {self.why}"
+        return f"{self.mm:+.2f} mm at {round(self.kpa):+d} kPa, {self.why}"
 
     @property
     def long_text(self) -> str:

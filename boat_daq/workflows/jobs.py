@@ -193,11 +193,14 @@ class JobRunner:
         self._first: dict[str, Callable[[Any], None]] = {}
 
     def start(
-        self, name: str, job: Job, then: Callable[[Job], None], first: Callable[[Any], None] = lambda _: None
+        self, name: str, job: Job, then: Callable[[Job], None], first: Callable[[Any], None] | None = None
     ) -> Job:
         """Run `job` under `name`; `poll` calls `then` with the ended job, and `first` with its first result."""
         self.cancel(name)
-        self._running[name], self._first[name] = (job, then), first
+        self._running[name] = (job, then)
+        self._first.pop(name, None)
+        if first is not None:
+            self._first[name] = first
         return job
 
     def get(self, name: str) -> Job | None:
@@ -212,9 +215,8 @@ class JobRunner:
         """Take what has arrived; call `then` of each job that has ended."""
         for name, (job, then) in list(self._running.items()):
             ended = job.poll() is not JobState.RUNNING
-            first, job.first = job.first, None
-            if first is not None and not ended and self.get(name) is job:
-                self._first[name](first)
+            if not ended and name in self._first and job.first is not None:
+                self._first.pop(name)(job.first)
             if ended:
                 if self.get(name) is job:
                     del self._running[name]

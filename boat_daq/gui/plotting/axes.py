@@ -286,7 +286,8 @@ def title_lines(title: str, unit: str, font: QFont, length: float, *, most: int)
         fitting = [lines for lines in options if max(style.text_width(font, line) for line in lines) <= length]
         if fitting:
             return fitting[-1]  # the unit in a line of its own, where that fits
-    return [QFontMetrics(font).elidedText(named(title, unit), Qt.TextElideMode.ElideRight, max(1, int(length)))]
+    lines = [title, f"({unit})"] if unit and most > 1 else [named(title, unit)]
+    return [QFontMetrics(font).elidedText(line, Qt.TextElideMode.ElideRight, max(1, int(length))) for line in lines]
 
 
 def log_ticks(low: float, high: float) -> list[float]:

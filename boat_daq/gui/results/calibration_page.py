@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -144,8 +144,8 @@ class LoopCard(PlotCard):
             plot.remove_line(line)
         self.limits = []
         self.clear()
-        self.show_empty("" if result.loops.numbers else _NO_CYCLE)
-        if not result.loops.numbers:
+        self.show_empty("" if result.cycles else _NO_CYCLE)
+        if not result.cycles:
             return
         for n in range(len(self.curves) + 1, len(result.sensors) + 1):
             self.curves.append(self.sensors.curve(f"Sensor {n}", sensor_colour(n), gaps=True))
@@ -271,16 +271,21 @@ class CalibrationPage(QWidget):
         self.verdict = widgets.label("", "title", wrap=True, name="Verdict")
         self.detail = widgets.label("", wrap=True, name="Limits, and where the calibration is used")
         self.headline = widgets.label("", "muted", elide=True)
-        self.again = widgets.button("Analyse again", self._again)
-        self.sample = widgets.button(BANDS, lambda: self.services.notices.attempt(self.model.sample), tip=BANDS_TIP)
+        self.more = widgets.menu_button("More \u25be", "Analyse again, open another run, sample the uncertainty bands")
+        self.again = self.more.menu().addAction("Analyse again", self._again)
+        self.more.menu().addAction("Open \u2026", self._open)
+        self.sample = self.more.menu().addAction(BANDS, partial(self.services.notices.attempt, self.model.sample))
+        self.sample.setToolTip(BANDS_TIP)
+        self.more.menu().setToolTipsVisible(True)
         self.report = widgets.button("Report \u2026", partial(self.services.show, Panel.REPORT))
         self.certificate = widgets.button("Certificate …", self.show_certificate, tip=CERTIFICATE_TIP)
         self.accept = widgets.button(ACCEPT, self._accept, "primary", tip=ACCEPT_TIP)
-        ask = partial(ask_open, self, self.services, "Open a recording or a table", "boat csv", self.services.open)
-        opens = widgets.button("Open \u2026", ask)
-        self.buttons = widgets.row(self.again, opens, self.sample, self.report, self.certificate, self.accept)
+        self.buttons = widgets.row(self.more, self.report, self.certificate, self.accept)
         self.head = widgets.row((widgets.column(self.verdict, self.detail, self.headline, spacing=0), 1), self.buttons)
         return widgets.card(self.head, self._check(), self._warnings())[0]
+
+    def _open(self) -> None:
+        ask_open(self, self.services, "Open a recording or a table", "boat csv", self.services.open)
 
     def _check(self) -> QWidget:
         """Return the line with the readings to be checked and the three ways to settle them."""

@@ -20,9 +20,11 @@ from PySide6.QtWidgets import (
     QLabel,
     QLayout,
     QLineEdit,
+    QMenu,
     QPushButton,
     QSizePolicy,
     QTabWidget,
+    QToolButton,
     QVBoxLayout,
     QWidget,
 )
@@ -180,6 +182,17 @@ def as_card(frame: QFrame, layout: QLayout) -> None:
     frame.setObjectName("card")
     layout.setContentsMargins(style.CARD_PADDING, style.GAP, style.CARD_PADDING, style.GAP)
     frame.setLayout(layout)
+
+
+def menu_button(text: str, tip: str) -> QToolButton:
+    """Return a button that opens its menu."""
+    made = QToolButton()
+    made.setText(text)
+    made.setToolTip(tip)
+    made.setAccessibleName(text)
+    made.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
+    made.setMenu(QMenu(made))
+    return made
 
 
 def form(rows: Iterable[tuple[str | QWidget, QWidget, str | QWidget]]) -> QGridLayout:

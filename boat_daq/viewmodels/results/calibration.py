@@ -6,6 +6,7 @@ the curve.
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -47,7 +48,7 @@ from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from boat_daq.workflows.run_files import export_calibration
 from boat_daq.workflows.unit_control import prepare_control
 from protocol.base.errors import BoatDaqError, RequestError
-from protocol.base.units import NOTHING
+from protocol.base.units import MINUS, NOTHING
 from protocol.recording.elongation_file import read_elongation_rows
 
 VERDICT_LOOKS = {  # state of a verdict -> state and mark of its text
@@ -98,6 +99,7 @@ class CalibrationModel:
         self.last_path: Path | None = None
         self.choice = ""  # that was chosen for the last recording; none: see `chosen_curve`
         self.accepted: CalibrationRecord | None = None
+        self._replaced: tuple[Any, ...] = (None, None, (), (), None)  # by a first result
         self.revision = 0
         self.units_revision = 0  # grows whenever a unit's calibration in force changes
 
@@ -139,7 +141,7 @@ class CalibrationModel:
         job = Job(
             f"Analysing {path.name}", analyse_run, str(path), level=self.fidelity.level, curve=self.choice, compare=True
         )  # fmt: skip
-        self.jobs.start("analysis", job, self._analysed, self.show)
+        self.jobs.start("analysis", job, self._analysed, self._show_first)
 
     def contributions(self) -> ContributionsModel:
         """Return the type B contributions of the unit of the run; the run is analysed again after each change."""
@@ -217,8 +219,15 @@ class CalibrationModel:
             shutil.copyfile(file, beside)
         self.analyse(self.last_path)
 
+    def _show_first(self, result: RunResult) -> None:
+        """Show the fit of an analysis whose intervals follow; what was shown before is kept for a cancelled one."""
+        self._replaced = self.result, self.before, self.agreements, self.posterior, self.accepted
+        self.show(result)
+
     def _analysed(self, job: Job) -> None:
         if job.state is JobState.CANCELLED:
+            if self.result is not None and self.result.preliminary:
+                self.result, self.before, self.agreements, self.posterior, self.accepted = self._replaced
             self.choice = self.result.curve if self.result is not None else self.choice
             self.revision += 1
             return
@@ -336,7 +345,7 @@ class CalibrationModel:
 
     def check_lines(self) -> tuple[str, ...]:
         """Return the readings to be checked, a sentence each."""
-        return tuple(f"Check {one.text}." for one in self.to_check())
+        return tuple(f"Check {_shown(one.text)}." for one in self.to_check())
 
     def leave_out_readings(self) -> None:
         """Withdraw the readings to be checked, undoably, and analyse the run again."""
@@ -365,12 +374,12 @@ class CalibrationModel:
         if self.result is None:
             return "", "Analysing \u2026" if self.working else ""
         found = self.result.verdict or RunVerdict()
-        headline = found.headline[:1].upper() + found.headline[1:]
+        headline = _shown(found.headline)
         if self.working:
             return "", f"\u25cb {headline}"
         if self.accepted is not None:
             state, _ = VERDICT_LOOKS[found.state]
-            return state, f"\u2713 Accepted: {found.headline}"
+            return state, f"\u2713 Accepted: {_shown(found.headline)}"
         state, mark = VERDICT_LOOKS[found.state]
         return state, f"{mark} {headline}"
 
@@ -379,7 +388,7 @@ class CalibrationModel:
         if self.result is None:
             return ""
         found = self.result.verdict or RunVerdict()
-        limits = sentence(found.limits_text) if found.limits_text != found.headline else ""
+        limits = sentence(_shown(found.limits_text)) if found.limits_text != found.headline else ""
         if self.working:
             return "Intervals follow \u2026" if self.result.preliminary else "Analysing again \u2026"
         if self.accepted is not None:
@@ -480,6 +489,11 @@ class CalibrationModel:
             self.accepted = accepted
         self.units_revision += 1
         self.revision += 1
+
+
+def _shown(text: str) -> str:
+    """Return a text of the analysis with a capital and the window's minus."""
+    return re.sub(r"(?<![\w.])-(?=\d)", MINUS, text[:1].upper() + text[1:])
 
 
 def _agreement(sensor: SensorResult, before: SensorRecord) -> Agreement | None:

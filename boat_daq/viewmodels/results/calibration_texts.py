@@ -46,8 +46,9 @@ def readings_text(result: RunResult) -> str:
     used = sorted({sensor.x.size for sensor in result.sensors if sensor.fit is not None})
     if not used:
         return f"{read or 'none'} of {count(n, 'plateau')} read"
-    rest = f", {n - read} not read" if n > read else ""
-    return f"{' or '.join(map(str, used))} of {count(read, 'reading')} used{rest}"
+    if read == n:
+        return f"{' or '.join(map(str, used))} of {count(n, 'reading')} used"
+    return f"{read} of {count(n, 'plateau')} read, {'all' if used == [read] else ' or '.join(map(str, used))} used"
 
 
 def missing(result: RunResult) -> NoCurve | None:

@@ -33,8 +33,8 @@ NUMBERS = re.compile(  # what is counted, ranked or a message has no unit
 SVG = "{http://www.w3.org/2000/svg}"
 SHOWN = {
     "Measure": 2,
-    "Calibration": 4,
-    "Repeatability": 4,
+    "Calibration": 3,
+    "Repeatability": 2,
     "Recordings": 2,
     "Optics": 4,
     "Shadow": 3,
@@ -103,10 +103,14 @@ def plots_of(window):
 
 
 def looked_at(window, page):
-    """The page's plots; the live page's cycles and the comparison replace other plots, one after the other."""
+    """The page's plots; cycles of the live page, loops and the comparison replace other plots."""
     yield from plots_of(window)
     if page == "Measure":
         window.live.toggle_overlay()
+    elif page == "Repeatability":
+        figure = window.pages[page].figure
+        figure.setCurrentIndex(figure.count() - 1)
+        figure.activated.emit(figure.count() - 1)
     elif page == "Recordings":
         window.model.runs.comparison = (run_result(), run_result(5.0))
     else:

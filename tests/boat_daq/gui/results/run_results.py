@@ -11,8 +11,12 @@ from analysis.calibration.fit import fit_calibration
 from analysis.calibration.record import SensorRecord
 from analysis.warning import Warning, WarningCode
 from boat_daq.viewmodels.results.run_result import CurveBands, CycleSeries, LoopSet, RunResult, SensorResult
+from boat_daq.workflows.acceptance import ReadingToCheck, RunVerdict
 
 CYCLES = 8
+USABLE = RunVerdict(
+    "usable", "ok", "U = 0.13 mm (k = 2) from -2.7 to 3.8 mm", limits_text="all 8 published limits are kept"
+)
 X = np.linspace(-2.7, 3.8, 19)
 GRID = np.linspace(-2.7, 3.8, 161)
 
@@ -46,6 +50,7 @@ def run_result(offset: float = 0.0, warnings: tuple[Warning, ...] = (), **more) 
     loops = LoopSet(tuple(range(1, CYCLES + 1)), pressure, None, np.stack([1650 + 3 * pressure] * 2))
     sensors = (sensor(1, offset), sensor(2, offset))
     run = {"path": "run.boat", "unit": "SA1", "simulated": True, "duration_s": 100.0, "cycles": CYCLES, "partial": 0}
+    run["verdict"] = USABLE
     return RunResult(**run | {"sensors": sensors, "figures": (), "loops": loops, "warnings": warnings} | more)
 
 
@@ -57,7 +62,19 @@ def out_of_tolerance_result(**more) -> RunResult:
     )
     whole = run_result(**more)
     first = dataclasses.replace(whole.sensors[0], out_of_tolerance=missed)
-    return dataclasses.replace(whole, sensors=(first, whole.sensors[1]))
+    headline = f"{USABLE.headline}; out of tolerance"
+    verdict = dataclasses.replace(USABLE, code="out_of_tolerance", state="check", headline=headline)
+    return dataclasses.replace(whole, sensors=(first, whole.sensors[1]), verdict=verdict)
+
+
+def result_to_check(step: int | None = 6, **more) -> RunResult:
+    """The same run with a reading that is to be checked."""
+    text = "+10.00 mm at +10 kPa, 9.2 mm from the others"
+    verdict = RunVerdict(
+        "readings_to_check", "check", f"{USABLE.headline}; 1 reading to check", "1 reading to check",
+        f"1 reading to check: {text}", USABLE.limits_text, (ReadingToCheck(step, text),),
+    )  # fmt: skip
+    return run_result(verdict=verdict, **more)
 
 
 def without_readings(read: int, **more) -> RunResult:

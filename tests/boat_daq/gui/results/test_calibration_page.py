@@ -6,7 +6,9 @@ import dataclasses
 import os
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from PySide6.QtWidgets import QApplication, QFileDialog
 
@@ -14,8 +16,13 @@ from analysis.calibration.curve_choice import CURVES, CurveCandidate
 from boat_daq.engine.snapshot import LinkState
 from boat_daq.gui import main_window
 from boat_daq.gui.results.closed_readings import ClosedReadings
+from boat_daq.viewmodels.results import calibration
+from boat_daq.viewmodels.results.figure_tables import FSO_KEY, HYSTERESIS_KEY, RunFigure
+from boat_daq.workflows.jobs import JobState
+from protocol.base.errors import RequestError
 from tests.boat_daq.gui.results.run_results import (
     out_of_tolerance_result,
+    result_to_check,
     run_result,
     whole_in_sight,
     without_readings,
@@ -105,8 +112,111 @@ def test_missed_bounds_are_shown_beside_the_accept_button(live, size):
     assert stored is not None
     assert stored.content["poor"] == [page.warnings.text()]
     live.refresh()
-    assert "Accepted out of tolerance" in page.verdict.text()
+    assert page.verdict.text().startswith("\u2713 Accepted: U = 0.13 mm")
+    assert page.verdict.text().endswith("out of tolerance")
+    assert page.verdict.property("state") == "warning"
     assert model.unit.text(model.snapshot).endswith(", out of tolerance")
+
+
+def test_verdict_is_the_headline_and_a_reading_to_check_blocks_acceptance(live):
+    """U and the range in words, amber; three ways out beside the reading; nothing is accepted before."""
+    model = live.model.calibration
+    live.go("Calibration")
+    page = live.pages["Calibration"]
+    model.show(run_result())
+    live.refresh()
+    assert page.verdict.text() == "\u25cf U = 0.13 mm (k = 2) from \u22122.7 to 3.8 mm"
+    assert page.detail.text() == "All 8 published limits are kept."
+    model.show(result_to_check())
+    live.refresh()
+    assert page.verdict.text().endswith("to 3.8 mm; 1 reading to check")
+    assert page.verdict.property("state") == "warning"
+    assert page.to_check.text() == "Check +10.00 mm at +10 kPa, 9.2 mm from the others."
+    for way in (page.correct, page.leave_out, page.reason, page.confirm):
+        assert way.isVisible()
+    assert not page.accept.isEnabled()
+    with pytest.raises(RequestError, match="1 reading to check"):
+        model.accept()
+    confirmed = []
+    model.confirm_readings = confirmed.append
+    page.reason.setText("read again")
+    page.confirm.click()
+    assert (confirmed, page.reason.text()) == (["read again"], "")
+
+
+def test_reading_left_out_is_analysed_again_and_comes_back(live, monkeypatch):
+    """Truth: what is stored in the recording, and the analyses that are started, once for each change."""
+    model, stored, started = live.model.calibration, [], []
+    monkeypatch.setattr(calibration, "change_readings", lambda path, values: stored.append(dict(values)) or {6: 10.0})
+    monkeypatch.setattr(model, "_start", started.append)
+    model.last_path = Path("run.boat")
+    model.show(result_to_check())
+    live.go("Calibration")
+    live.refresh()
+    live.pages["Calibration"].leave_out.click()
+    live.model.undo.undo()
+    assert stored == [{6: None}, {6: 10.0}]
+    assert started == [Path("run.boat")] * 2
+    assert live.model.notices.current().cause == "Undone: leaving out 1 reading"
+    model.show(result_to_check(step=None))
+    live.refresh()
+    live.pages["Calibration"].leave_out.click()
+    assert "in a file" in live.model.notices.current().cause
+
+
+def test_fit_is_shown_at_once_and_accepted_only_with_its_intervals(live):
+    """The first result of the analysis is shown without a colour; a cancelled one leaves what was shown before."""
+    model = live.model.calibration
+    live.go("Calibration")
+    page = live.pages["Calibration"]
+    model.show(run_result())
+    whole = model.result
+    running = SimpleNamespace(state=JobState.RUNNING, first=None, poll=lambda: running.state, cancel=lambda: None)
+    live.model.jobs.start("analysis", running, model._analysed, model._show_first)
+    running.first = run_result(offset=3.0, preliminary=True)
+    live.model.jobs.poll()
+    live.refresh()
+    assert model.result.preliminary
+    assert (page.detail.text(), page.verdict.property("state")) == ("Intervals follow \u2026", "")
+    assert page.curves[0].curve.x.size
+    assert not page.accept.isEnabled()
+    running.state = JobState.CANCELLED
+    live.model.jobs.poll()
+    assert model.result is whole
+
+
+def test_six_figures_are_shown_and_all_on_request(live):
+    """The others are behind a button, whose state is kept."""
+    rows = tuple(((f"Figure {n}\nmm", ""), ("1", ""), ("2", "")) for n in range(9))
+    live.go("Calibration")
+    page = live.pages["Calibration"]
+    live.model.calibration.show(run_result(figures=rows, key_figures=rows[:6]))
+    live.refresh()
+    assert page.table.rowCount() == 6
+    page.figures.all.click()
+    assert page.table.rowCount() == 9
+    assert live.model.preferences.get("all figures results") is True
+
+
+def test_loops_are_opened_and_drawn_with_the_limit(live):
+    """Truth: 2 mV between the branches of a full scale of 200 mV is 1 %; the limit is where it is published."""
+    made = run_result()
+    signal = made.loops.signal_mv.copy()
+    signal[:, 1] += 2.0
+    known = dataclasses.replace(
+        made.sensors[0].cycles, whole={FSO_KEY: RunFigure(200.0), HYSTERESIS_KEY: RunFigure(1.0, limit=5.0)}
+    )
+    sensors = tuple(dataclasses.replace(sensor, cycles=known) for sensor in made.sensors)
+    loops = dataclasses.replace(made.loops, signal_mv=signal)
+    live.go("Calibration")
+    page = live.pages["Calibration"]
+    live.model.calibration.show(dataclasses.replace(made, sensors=sensors, loops=loops))
+    live.refresh()
+    drawn = page.loops.curves[1].y
+    assert drawn[np.isfinite(drawn)] == pytest.approx(1.0)
+    assert np.isnan(drawn).sum() == made.cycles
+    assert [line.value() for _, line in page.loops.limits] == [5.0, -5.0]
+    assert page.loops.actuator.item not in page.loops.view.ci.items
 
 
 def test_readings_are_corrected_in_a_panel(live, tmp_path, qtbot):

@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QApplication
 from analysis.warning import Warning, WarningCode
 from boat_daq.gui import style
 from boat_daq.viewmodels.results.run_result import CurveBands
+from boat_daq.workflows.acceptance import RunVerdict
 from protocol.base.errors import RequestError
 from tests.boat_daq.gui.results.run_results import (
     GRID,
@@ -81,10 +82,13 @@ def test_turning_curve_shows_its_reason_and_its_readings(calibrate):
     misread = Warning(WarningCode.OUTLIER, "s1", "the reading +4.20 mm at 0 kPa is off the curve")
     whole = run_result(warnings=(at_night, misread))
     turned = turning(whole.sensors[0])
-    calibrate.model.calibration.show(dataclasses.replace(whole, sensors=(turned, whole.sensors[1])))
+    verdict = RunVerdict("turns", "fail", "Not a calibration: the curve of sensor 1 turns inside its range")
+    turned_run = dataclasses.replace(whole, sensors=(turned, whole.sensors[1]), verdict=verdict)
+    calibrate.model.calibration.show(turned_run)
     calibrate.model.calibration.last_path = Path("run.boat")
     calibrate.refresh()
-    assert page.verdict.text().endswith("the curve turns inside its range")
+    assert page.verdict.text().endswith("turns inside its range")
+    assert page.verdict.property("state") == "fault"
     assert "one signal would give two elongations" in page.warnings.text()
     assert (page.warnings.isVisible(), page.readings.isVisible(), page.accept.isEnabled()) == (True, True, False)
     assert page.run_warnings.text().splitlines()[0].endswith("is off the curve")  # first: it can be corrected
@@ -125,11 +129,10 @@ def test_missing_readings_are_shown_in_place_of_the_curves(calibrate):
         page = calibrate.pages["Calibration"]
         calibrate.refresh()
         assert not any(card.isVisible() for card in page.curves)
-        assert not page.actuator.view.isVisible()
+        assert page.loops.view.isVisible() is bool(run.cycles)
         assert page.missing.isVisible()
         assert page.missing.title.text() == title
         assert (page.missing.button.text() if page.missing.button.isVisible() else "") == action
-        assert title in page.verdict.text()
         calibrate.model.calibration.show(run_result())
         calibrate.refresh()
         assert all(card.isVisible() for card in page.curves)
@@ -152,15 +155,15 @@ def test_headline_counts_plateaus_readings_and_points(calibrate):
     calibrate.go("Calibration")
     page = calibrate.pages["Calibration"]
     for read, words in (
-        (19, "19 of 37 plateaus read, all in the curve"),
-        (20, "20 of 37 plateaus read, 19 in the curve"),
+        (19, "19 of 37 plateaus read, all used"),
+        (20, "20 of 37 plateaus read, 19 used"),
     ):
         calibrate.model.calibration.show(dataclasses.replace(run_result(), plateaus=37, read=read))
         calibrate.refresh()
         assert words in page.headline.text()
     calibrate.model.calibration.show(dataclasses.replace(run_result(), plateaus=19, read=19))
     calibrate.refresh()
-    assert "19 of 19 plateaus read, all in the curve" in page.headline.text()
+    assert "19 of 19 readings used" in page.headline.text()
 
 
 def test_new_analysis_clears_the_page(calibrate):

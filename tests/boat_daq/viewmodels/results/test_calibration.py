@@ -192,7 +192,7 @@ def test_choice_of_a_curve_is_fitted_undone_and_stored(tmp_path, result, monkeyp
     """The run is analysed again by it, and by the one before on undo; what is accepted names it; a new run has none."""
     model, started = model_on(tmp_path, result), []
     monkeypatch.setattr(calibration, "Job", lambda label, job, path, **options: (path, options["curve"]))
-    monkeypatch.setattr(model.jobs, "start", lambda name, job, then: started.append(job))
+    monkeypatch.setattr(model.jobs, "start", lambda name, job, then, first: started.append(job))
     with pytest.raises(RequestError, match="no run"):
         model.choose_curve("4")
     model.last_path = tmp_path / "a.boat"
@@ -232,7 +232,7 @@ def test_cancelled_analysis_keeps_what_was_shown(tmp_path, result, monkeypatch):
     """Result, bands, acceptance and comparison stay, with the curve that they are of; another run leaves none."""
 
     class CancelledJob:
-        state = JobState.CANCELLED
+        state, first = JobState.CANCELLED, None
 
         def __init__(self, *args, **options):
             self.options = options
@@ -273,7 +273,8 @@ def test_calibration_is_not_accepted_while_its_run_is_analysed_again(tmp_path, r
     model = model_on(tmp_path, result)
     before = model.acceptance_warnings(), model.out_of_tolerance()
     monkeypatch.setattr(CalibrationModel, "working", True)
-    assert model.verdict() == ("", "Analysing \u2026")
+    assert model.verdict()[0] == ""
+    assert model.detail() == "Analysing again \u2026"
     assert (model.acceptance_warnings(), model.out_of_tolerance()) == before
     with pytest.raises(RequestError, match="being analysed"):
         model.accept()

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+import pickle
+import subprocess
+import sys
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from analysis.figures.figure import SENSOR_FIGURES
-from boat_daq.viewmodels.results.run_result import sample_run
+from boat_daq.viewmodels.results.run_result import analyse_run, sample_run
+from tests.boat_daq.viewmodels.helpers import SAMPLE
 
 
 def test_analysis_returns_what_the_page_draws(result):
@@ -28,6 +32,29 @@ def test_analysis_returns_what_the_page_draws(result):
     assert {text for text, _ in verdicts} <= {"adequate", "doubtful", "inadequate"}
     assert all(u.shape == (41, 2) and (u[:, 1] > 0).all() for u in result.u_elongation)
     assert len(labels) > 9
+
+
+def test_result_is_taken_without_the_libraries_of_the_analysis(result, tmp_path):
+    """SciPy and pandas would take seconds of the window's thread, which a run under pressure does not survive."""
+    stored = tmp_path / "result.pickle"
+    stored.write_bytes(pickle.dumps(result))
+    code = (
+        "import pickle, sys; from pathlib import Path; from boat_daq.viewmodels import app_model; "
+        f"pickle.loads(Path({str(stored)!r}).read_bytes()); "
+        "print([name for name in ('scipy', 'pandas', 'numba') if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_first_result_has_the_same_curve():
+    """The curve that is shown at once is that of the whole analysis; its intervals are marked as rough."""
+    firsts = []
+    result = analyse_run(str(SAMPLE), first=firsts.append)
+    (first,) = firsts
+    assert (first.preliminary, result.preliminary) == (True, False)
+    assert first.sensors[0].fit.curve == pytest.approx(result.sensors[0].fit.curve)
+    assert first.verdict.headline == result.verdict.headline
 
 
 def test_sampled_curve_lies_inside_its_bands(result):

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from analysis import Analysis
     from analysis.figures.figure import Figure
     from boat_daq.engine.plan import Plan
-    from protocol.simulator.truth import Truth
+    from protocol.simulator.truth import Hold, Truth
 
 
 def gui(
@@ -99,7 +99,7 @@ def demo(
     with progress_bar("analysing") as advance:
         analysis = analyse(run, options=options, progress=advance)
     store_analysis(run, analysis)
-    truth = truth_of(unit, plan)
+    truth = truth_of(unit, plan, analysis)
     rows = comparison(analysis, truth)
     content = analysis.to_json() | {"truth": truth_json(truth), "comparison": rows, "recording": str(run)}
     if not no_report:
@@ -190,13 +190,42 @@ _LABELS = {  # of the figures that `SensorTruth` has too
 }
 
 
-def truth_of(unit: str, plan: Plan) -> Truth:
-    """Return the true figures of a virtual unit over one cycle of a plan."""
-    from protocol.simulator.truth import truth_figures
+def truth_of(unit: str, plan: Plan, analysis: Analysis | None = None) -> Truth:
+    """Return the true figures of a virtual unit, over a whole run as it was held, else over one cycle of its plan."""
+    from protocol.simulator.truth import truth_figures, truth_of_holds
 
+    if analysis is not None and (holds := _holds(plan, analysis)):
+        return truth_of_holds(unit, holds, ramp_kpa_per_s=plan.ramp_kpa_per_s)
     cycle_kpa = (plan.high_kpa, *plan.targets_kpa)
     dwell_s = plan.step_duration_s(0.0, 0.0)
     return truth_figures(unit, cycle_kpa=cycle_kpa, ramp_kpa_per_s=plan.ramp_kpa_per_s, dwell_s=dwell_s)
+
+
+def _holds(plan: Plan, analysis: Analysis) -> list[Hold]:
+    """Return how long each target of a run was held, from the marks of its steps; empty without them."""
+    from protocol.simulator.truth import Hold
+
+    cycle = (plan.high_kpa, *plan.targets_kpa)
+    low = cycle.index(plan.low_kpa)
+    time_s, used = analysis.recording.time_s, set(analysis.loops.numbers)
+    plateaus = {
+        p.step: p for p in analysis.plateaus if p.step is not None and p.branch and p.cycle in used and not p.void
+    }
+    steps = analysis.recording.steps.sort_values("id")
+    starts, holds, before = steps["started_s"].tolist(), [], 0.0
+    for at, (number, target) in enumerate(zip(steps["id"].tolist(), steps["target_kpa"].tolist(), strict=True)):
+        if at + 1 == len(starts):  # the last step vents
+            break
+        ramp_s, plateau = abs(target - before) / plan.ramp_kpa_per_s, plateaus.get(number)
+        first = last = 0.0
+        place = None
+        if plateau is not None:
+            first, last = (float(time_s[row]) - starts[at] - ramp_s for row in (plateau.settled_first, plateau.last))
+            rising = plateau.branch == "loading" and target not in (plan.high_kpa, plan.low_kpa)
+            place = cycle.index(target, low) if rising else cycle.index(target)
+        holds.append(Hold(target, max(starts[at + 1] - starts[at] - ramp_s, 0.0), first, last, place))
+        before = target
+    return holds
 
 
 def truth_json(truth: Truth) -> dict[str, Any]:
@@ -213,8 +242,8 @@ def comparison(analysis: Analysis, truth: Truth) -> list[dict[str, Any]]:
     """Return figure, unit, measured value, interval and true value, a row each."""
     rows: list[tuple[str, str, float, tuple[float, float] | None, float | None]] = []
 
-    def add_figure(name: str, figure: Figure, true: float, *, interval: bool = True) -> None:
-        rows.append((name, figure.unit, figure.value, (figure.low, figure.high) if interval else None, true))
+    def add_figure(name: str, figure: Figure, true: float) -> None:
+        rows.append((name, figure.unit, figure.value, (figure.low, figure.high), true))
 
     for number, (sensor, true) in enumerate(zip(analysis.sensors, truth.sensors, strict=True), 1):
         if (fit := sensor.calibration) is not None:
@@ -225,7 +254,7 @@ def comparison(analysis: Analysis, truth: Truth) -> list[dict[str, Any]]:
         for key, label in _LABELS.items():
             add_figure(f"s{number} {label}", sensor.figures[key], getattr(true, key))
     add_figure("system sensitivity", analysis.system_sensitivity, truth.system_sensitivity_mv_per_mm)
-    add_figure("actuator hysteresis", analysis.actuator_hysteresis, truth.actuator_hysteresis_percent, interval=False)
+    add_figure("actuator hysteresis", analysis.actuator_hysteresis, truth.actuator_hysteresis_percent)
     return [dict(zip(("figure", "unit", "measured", "interval", "truth"), row, strict=True)) for row in rows]
 
 

@@ -21,13 +21,12 @@ from protocol.recording import SampleFlag
 from protocol.simulator import sampler
 from protocol.simulator.board_control import HARD_LIMITS_PA, BoardControl
 from protocol.simulator.faults import FAULTS, Fault, FaultSchedule
-from protocol.simulator.plant import PUMP_REACH_KPA, TICK_US, Body, Pneumatics, Sensors
+from protocol.simulator.plant import PUMP_NOISE, PUMP_REACH_KPA, TICK_US, Body, Pneumatics, Sensors
 from protocol.simulator.specimens import find_specimen
 from protocol.simulator.transmitter import Transmitter
 
 RATE_MAX_HZ = 20_000
 _TICKS_AT_ONCE = 400
-_PUMP_NOISE = 0.15  # kPa/s a tick: some 0.03 kPa of ripple in the pressure
 _SATURATION_QUIET_US = 1_000_000  # saturation again within this time is the same event
 _KPA_PER_CYCLE = 180.0  # travel of a full cycle, for softening
 
@@ -306,7 +305,7 @@ class VirtualBoard:
         if not count:
             return outgoing
         control, pneumatics, first = self._control, self._pneumatics, self._last_tick + 1
-        noise = (_PUMP_NOISE * self._pump_noise.rows(first, count)[0][:, 0]).tolist()
+        noise = (PUMP_NOISE * self._pump_noise.rows(first, count)[0][:, 0]).tolist()
         gauge, bladder, states = [], [], []
         for tick in range(count):
             control.tick((first + tick) * TICK_US)

@@ -20,6 +20,7 @@ TICK_US = 10_000
 TICK_S = TICK_US / 1e6
 
 PUMP_KPA_PER_S = 40.0  # the pumps' rate
+PUMP_NOISE = 0.15  # kPa/s a tick: some 0.03 kPa of ripple in the pressure
 PUMP_REACH_KPA = (-70.0, 90.0)  # the pumps' range
 _OMEGA = 9.0  # rad/s of the regulated pressure
 _DAMPING = 0.6

@@ -4,7 +4,8 @@ analysis/METHODS.md.
 Hysteresis is the largest distance between the two branches on a common grid, in % of the full-scale output (of the
 span, for the actuator); sensitivity is the end-to-end slope of the cubic over the range reached; SNR is 20 log10(FSO /
 noise rms). A staircase's branches are the means of its holds, with straight lines between them (for the sensor's loop,
-between their residuals from its cubic); those of a continuous cycle are read at every tick.
+between their residuals from its cubic); those of a continuous cycle are read at every tick. The noise of a hold has the
+pressure's ripple and the creep within it.
 """
 
 from __future__ import annotations
@@ -17,10 +18,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from protocol.base.arrays import FloatArray
-from protocol.simulator.plant import TICK_S, Body, Pneumatics, Sensors, cubic
+from protocol.simulator.plant import PUMP_NOISE, TICK_S, Body, Pneumatics, Sensors, cubic
 from protocol.simulator.specimens import find_specimen
 
 CONTINUOUS = (50.0, -40.0, 50.0)
+_RIPPLE_SEED = 0
 _SETTLED_S = 1.0  # after the end of a ramp, as in `analysis`
 
 
@@ -50,6 +52,20 @@ class Truth:
 
 
 @dataclass(frozen=True, slots=True)
+class Hold:
+    """One target of a run: how long it was held after its ramp's end, and the part of that which is analysed, s.
+
+    `place` is the position in the cycle that it was read for, counted from its start; None where it is not analysed.
+    """
+
+    target_kpa: float
+    hold_s: float
+    first_s: float
+    last_s: float
+    place: int | None
+
+
+@dataclass(frozen=True, slots=True)
 class NoiseFreeRun:
     """The plant without noise, one row a tick: shapes (n,) and (n, sensors). `arrivals` [targets]: when ramps end."""
 
@@ -59,27 +75,46 @@ class NoiseFreeRun:
     signal_mv: FloatArray
     arrivals_s: FloatArray
 
-    def holds(self, after_s: float, last_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def holds(
+        self, after_s: float | FloatArray, last_s: float | FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return mean pressure, elongation and signals of each hold, from `after_s` to `last_s` after the arrival."""
-        rows = [np.searchsorted(self.time_s, self.arrivals_s + t) for t in (after_s, last_s)]
-        parts = [slice(first, last) for first, last in zip(*rows, strict=True)]
+        parts = self.parts(after_s, last_s)
         pressure, elongation = (
             [float(v[part].mean()) for part in parts] for v in (self.pressure_kpa, self.elongation_mm)
         )
         return np.array(pressure), np.array(elongation), np.array([self.signal_mv[part].mean(axis=0) for part in parts])
 
+    def parts(self, after_s: float | FloatArray, last_s: float | FloatArray) -> list[slice]:
+        """Return the rows of each hold, from `after_s` to `last_s` after the arrival, one at least."""
+        first, last = (np.searchsorted(self.time_s, self.arrivals_s + t) for t in (after_s, last_s))
+        return [slice(int(a), max(int(b), int(a) + 1)) for a, b in zip(first, last, strict=True)]
 
-def noise_free_run(unit: str, targets_kpa: Sequence[float], *, ramp_kpa_per_s: float, dwell_s: float) -> NoiseFreeRun:
-    """Return the noise-free run of a specimen from rest through holds of `dwell_s`. RequestError: no such specimen."""
+
+def noise_free_run(
+    unit: str,
+    targets_kpa: Sequence[float],
+    *,
+    ramp_kpa_per_s: float,
+    dwell_s: float | Sequence[float],
+    ripple: bool = False,
+) -> NoiseFreeRun:
+    """Return the noise-free run of a specimen from rest through holds of `dwell_s`. RequestError: no such specimen.
+
+    `dwell_s`: of all holds, or of each; `ripple`: the pumps move the pressure as on the virtual board.
+    """
     model = find_specimen(unit)
     pneumatics = Pneumatics()
     pressure: list[float] = []
     arrivals = []
-    for start, target in itertools.pairwise((0.0, *targets_kpa)):
+    held = [dwell_s] * len(targets_kpa) if isinstance(dwell_s, (int, float)) else dwell_s
+    rng = np.random.default_rng(_RIPPLE_SEED)
+    for (start, target), hold_s in zip(itertools.pairwise((0.0, *targets_kpa)), held, strict=True):
         pneumatics.command(target, ramp_kpa_per_s)
         arrivals.append(TICK_S * len(pressure) + abs(target - start) / ramp_kpa_per_s)
-        for _ in range(math.ceil((abs(target - start) / ramp_kpa_per_s + dwell_s) / TICK_S)):
-            pneumatics.step(0.0)
+        ticks = math.ceil((abs(target - start) / ramp_kpa_per_s + hold_s) / TICK_S)
+        for noise in (PUMP_NOISE * rng.standard_normal(ticks)).tolist() if ripple else [0.0] * ticks:
+            pneumatics.step(noise)
             pressure.append(pneumatics.bladder_kpa)
     pressure_kpa = np.array(pressure)
     elongation_mm = Body(model.actuator).advance(pressure_kpa)
@@ -111,6 +146,32 @@ def truth_figures(
     staircase = len(cycle_kpa) > len(CONTINUOUS)
     if staircase:
         p, x, y = (held[-len(cycle_kpa) :] for held in run.holds(min(_SETTLED_S, 0.5 * dwell_s), dwell_s))
+    return _figures(unit, p, x, y, [sensor.noise_mv for sensor in model.sensors], staircase=staircase)
+
+
+def truth_of_holds(unit: str, holds: Sequence[Hold], *, ramp_kpa_per_s: float) -> Truth:
+    """Return the true figures of a whole staircase, as it was held; the mean loop is over its holds at each place."""
+    targets, dwell_s = [hold.target_kpa for hold in holds], [hold.hold_s for hold in holds]
+    first, last = (np.array([getattr(hold, name) for hold in holds]) for name in ("first_s", "last_s"))
+    run = noise_free_run(unit, targets, ramp_kpa_per_s=ramp_kpa_per_s, dwell_s=dwell_s)
+    places = np.array([-1 if hold.place is None else hold.place for hold in holds])
+    p, x, y = (
+        np.array([values[places == place].mean(axis=0) for place in np.unique(places[places >= 0])])
+        for values in run.holds(first, last)
+    )
+    p, x, y = (np.concatenate([values, values[:1]]) for values in (p, x, y))  # the cycle ends where it begins
+    moved = noise_free_run(unit, targets, ramp_kpa_per_s=ramp_kpa_per_s, dwell_s=dwell_s, ripple=True)
+    parts = [part for part, place in zip(moved.parts(first, last), places, strict=True) if place >= 0]
+    ripple = np.sqrt(np.mean([moved.signal_mv[part].var(axis=0) for part in parts], axis=0))
+    own = [sensor.noise_mv for sensor in find_specimen(unit).sensors]
+    return _figures(unit, p, x, y, np.hypot(own, ripple).tolist(), staircase=True)
+
+
+def _figures(
+    unit: str, p: FloatArray, x: FloatArray, y: FloatArray, noise_mv: Sequence[float], *, staircase: bool
+) -> Truth:
+    """Return the figures of one cycle, from its highest pressure and back to it."""
+    model = find_specimen(unit)
     low, high = float(x.min()), float(x.max())
     sensors = []
     for number, sensor in enumerate(model.sensors, 1):
@@ -124,8 +185,8 @@ def truth_figures(
                 coefficients=sensor.coefficients,
                 sensitivity_mv_per_mm=fso / (high - low),
                 fso_mv=fso,
-                noise_mv=sensor.noise_mv,
-                snr_db=20 * math.log10(fso / sensor.noise_mv),
+                noise_mv=noise_mv[number - 1],
+                snr_db=20 * math.log10(fso / noise_mv[number - 1]),
                 sensor_hysteresis_percent_fso=100 * loop_width(x, own) / fso,
                 system_hysteresis_percent_fso=100 * loop_width(p, signal) / fso,
             )

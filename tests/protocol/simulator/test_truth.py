@@ -7,7 +7,7 @@ import pytest
 
 from protocol.base.errors import RequestError
 from protocol.simulator.specimens import SPECIMEN_NAMES, find_specimen
-from protocol.simulator.truth import loop_width, noise_free_run, truth_figures
+from protocol.simulator.truth import Hold, loop_width, noise_free_run, truth_figures, truth_of_holds
 
 STAIRCASE = (*(50.0 - 10.0 * n for n in range(10)), *(-30.0 + 10.0 * n for n in range(9)))
 
@@ -99,6 +99,38 @@ def test_unknown_unit_is_refused_with_the_names():
     with pytest.raises(RequestError, match="SA9") as refusal:
         truth_figures("SA9")
     assert all(name in refusal.value.remedy for name in SPECIMEN_NAMES)
+
+
+def holds_of(hold_s: float, cycles: int = 3) -> list[Hold]:
+    """Return the holds of a staircase, each read from 1 s after its ramp; the first cycle is not analysed."""
+    places = [None, *[place if n else None for n in range(cycles) for place in range(1, len(STAIRCASE))]]
+    ends = [place % (len(STAIRCASE) - 1) if place is not None else None for place in places]
+    targets = [STAIRCASE[0], *STAIRCASE[1:] * cycles]
+    return [Hold(kpa, hold_s, min(1.0, hold_s / 2), hold_s, place) for kpa, place in zip(targets, ends, strict=True)]
+
+
+def test_truth_of_a_run_is_that_of_its_own_holds():
+    """Held as planned it is that of the plan; held twice as long the actuator creeps further, so the span is larger."""
+    planned, held = (
+        truth_figures("SA1", cycle_kpa=STAIRCASE, dwell_s=3.0),
+        truth_of_holds("SA1", holds_of(3.0), ramp_kpa_per_s=10.0),
+    )
+    longer = truth_of_holds("SA1", holds_of(6.5), ramp_kpa_per_s=10.0)
+    for a, b, c in zip(planned.sensors, held.sensors, longer.sensors, strict=True):
+        assert b.fso_mv == pytest.approx(a.fso_mv, rel=2e-3)
+        assert b.system_hysteresis_percent_fso == pytest.approx(a.system_hysteresis_percent_fso, rel=0.02)
+        assert c.fso_mv > b.fso_mv
+    assert held.actuator_hysteresis_percent == pytest.approx(planned.actuator_hysteresis_percent, rel=0.02)
+
+
+def test_ripple_of_the_pressure_is_in_the_noise_of_a_hold():
+    """White noise on the rate of the regulated pressure: its variance is q / (4 zeta omega^3) (Langevin equation)."""
+    run = noise_free_run("SA1", [0.0], ramp_kpa_per_s=10.0, dwell_s=600.0, ripple=True)
+    expected = 0.15 / (0.01 * 4 * 0.6 * 9.0**3) ** 0.5
+    assert run.pressure_kpa[500:].std() == pytest.approx(expected, rel=0.15)
+    own = [sensor.noise_mv for sensor in find_specimen("SA1").sensors]
+    found = [sensor.noise_mv for sensor in truth_of_holds("SA1", holds_of(3.0), ramp_kpa_per_s=10.0).sensors]
+    assert all(1.0005 < noise / alone < 1.02 for noise, alone in zip(found, own, strict=True))
 
 
 def test_a_staircases_truth_is_that_of_its_holds():

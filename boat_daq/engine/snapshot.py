@@ -52,6 +52,7 @@ class Phase(enum.StrEnum):
     SETTLING = "settling"
     DWELLING = "dwelling"
     WAITING_FOR_READING = "waiting for reading"
+    ASSESSING = "assessing"  # the cycle is complete; its uncertainty is computed
     VENTING = "venting"
 
 

@@ -4,7 +4,8 @@ Of a plan with plateaus that is U of an elongation in mm, of one without it is t
 and repeatability in % FSO. Until then a plan with plateaus holds those that lower U most, and passes the others.
 
 The run is analysed after each complete cycle, in a process of its own, so that the analysis delays neither samples nor
-the window; meanwhile the run continues.
+the window. A plan with plateaus holds the last level meanwhile, so that its end does not depend on the speed of board
+and computer; a continuous one goes on.
 """
 
 from __future__ import annotations
@@ -71,6 +72,7 @@ class EnoughCycles:
         self._session, self._enter, self._report = session, enter, report
         self._cycles = 0
         self._job: Job | None = None
+        self._stopping = False  # whether the run holds at the end of its cycles
         self.asked: dict[str, float] = {}
         self.known: StopAssessment | None = None
         self.unknown = ""
@@ -100,11 +102,16 @@ class EnoughCycles:
         progress, asked = snapshot.progress, self.asked_of(snapshot.plan)
         if snapshot.state is not SessionState.RUNNING or progress is None or asked is None:
             self.close()
-            self._job, self._cycles, self.unknown = None, 0, ""
+            if self._stopping and snapshot.state is SessionState.RUNNING:
+                self._session.stop_at_cycles(on=False)
+            self._job, self._cycles, self.unknown, self._stopping = None, 0, "", False
             self.known = self.known if snapshot.state is SessionState.FINISHING else None
             return
         if not progress.complete_cycles:
             self.ended_by = None  # that of the run before
+        if not self._stopping:
+            self._session.stop_at_cycles(on=True)
+            self._stopping = True
         if self._job is not None and self._job.poll() is not JobState.RUNNING:
             self._take(self._job, progress.complete_cycles)
             self._job = None
@@ -124,6 +131,7 @@ class EnoughCycles:
         except RequestError as error:
             self._not_known(error.cause)
             return
+        self._session.flush()
         plan = snapshot.plan
         self._job = Job(
             ASSESSING, assess_run, snapshot.recording, asked, plan.cycles, repeats=plan.kind == "continuous"
@@ -142,11 +150,13 @@ class EnoughCycles:
             self.ended_by = job.result if complete_cycles == self._cycles else None
         else:
             self._session.hold_at(job.result.hold)
+            self._session.next_cycle()
 
     def _not_known(self, cause: str) -> None:
         """Report why the latest cycle has no assessment, and show it until a later one has."""
         self.unknown = f"U is not known after {count(self._cycles, 'cycle')}: {cause}"
         self._report(self.unknown)
+        self._session.next_cycle()
 
     def at_end(self, recording: Path, plan: Plan) -> EndUncertainty | None:
         """Assess all complete cycles of a run that has ended; return None where no uncertainty was asked for."""

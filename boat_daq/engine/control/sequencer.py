@@ -78,6 +78,7 @@ Action: TypeAlias = GoTo | VentNow | StepChanged | SegmentBreak | ControlEvent |
 VENTED_KPA = 2.0  # a unit this close to 0 for VENTED_S counts as vented
 VENTED_S = 0.5
 VENT_TIMEOUT_S = 60.0
+ASSESSMENT_S = 1800.0  # board time that a level is held for an assessment at most
 STREAM_US = 50_000  # between two pressures of a sine
 PACE_STEPS = 40  # the last steps, from which the time left is estimated
 READING_S = 10.0  # of a reading by hand, until enough were timed
@@ -101,6 +102,8 @@ class Sequencer:
         self._first_cycle = 1
         self._wait_for_reading = False
         self._held: frozenset[tuple[str, float]] | None = None
+        self._stops_at_cycles = False
+        self._assessed_since_us: int | None = None  # the end of a cycle that awaits its assessment
         self._queue: deque[PlannedStep] = deque()
         self._step: PlannedStep | None = None
         self._watch: StepWatch | SegmentWatch | None = None
@@ -134,7 +137,7 @@ class Sequencer:
         self.state, self.plan = SessionState.ARMED, plan
         self._wait_for_reading, self.cycle, self.incomplete_cycles = wait_for_reading, 0, ()
         self._first_cycle, self.complete_cycles = resume_at
-        self._held = None
+        self._held, self._stops_at_cycles, self._assessed_since_us = None, False, None
 
     def disarm(self) -> None:
         """Discard an armed plan; nothing happens in any other state."""
@@ -192,6 +195,23 @@ class Sequencer:
         self._held = None if plateaus is None else frozenset(plateaus)
         self._queue = deque(self._as_held(step) for step in self._queue)
 
+    def stop_at_cycles(self, *, on: bool) -> None:
+        """Hold the last level of each cycle of a plan with plateaus until `next_cycle`; off releases a held one."""
+        self._stops_at_cycles = on and self.plan is not None and self.plan.kind == "staircase"
+        if not on:
+            self.next_cycle()
+
+    def next_cycle(self) -> None:
+        """Begin the next cycle where the run holds for it; nothing happens elsewhere."""
+        if self._assessed_since_us is not None:
+            self._assessed_since_us = None
+            self._begin_cycle()
+
+    def _begin_cycle(self) -> None:
+        self.cycle += 1
+        self._queue.extend(self._cycle_steps(self.cycle))
+        self._begin()
+
     def _as_held(self, step: PlannedStep) -> PlannedStep:
         plan = self._planned
         if plan.kind != "staircase" or not step.cycle:
@@ -246,6 +266,9 @@ class Sequencer:
         self._pressure_kpa = float(known[-1]) if len(known) else self._pressure_kpa
         if self.state is SessionState.RUNNING and self._watch is not None:
             self._follow(self._watch, block)
+        elif self._assessed_since_us is not None:
+            if self._time_us - self._assessed_since_us > ASSESSMENT_S * 1e6:
+                self.next_cycle()
         elif self.state is SessionState.FINISHING:
             self._follow_vent(block)
 
@@ -296,10 +319,12 @@ class Sequencer:
         if not self._queue and self.complete_cycles >= self._planned.cycles:
             self._finish(RunEnd.FINISHED)
             return
-        if not self._queue:
-            self.cycle += 1
-            self._queue.extend(self._cycle_steps(self.cycle))
-        self._begin()
+        if self._queue:
+            self._begin()
+        elif mark.cycle and self._stops_at_cycles:
+            self._watch, self._step, self._assessed_since_us = None, None, self._time_us
+        else:
+            self._begin_cycle()
 
     def _timed_out(self, mark: StepMark) -> None:
         text = f"{mark.target_kpa:g} kPa was not reached in time: {self._pressure_kpa:.1f} kPa"
@@ -373,7 +398,7 @@ class Sequencer:
             detail = self._watch.detail()
             self._change(dataclasses.replace(self.marks[-1], ended_us=self._time_us, status="aborted", detail=detail))
             self._leave_cycle_out()
-        self._watch = self._step = None
+        self._watch = self._step = self._assessed_since_us = None
         self._queue.clear()
 
     def _leave_cycle_out(self) -> None:
@@ -427,13 +452,17 @@ class Sequencer:
             complete_cycles=self.complete_cycles,
             incomplete_cycles=self.incomplete_cycles,
             branch=mark.branch,
-            phase=self._watch.phase if self._watch else Phase.VENTING,
+            phase=self._watch.phase if self._watch else self._waiting_phase,
             target_kpa=mark.target_kpa,
             step_time_s=(self._time_us - mark.started_us) / 1e6,
             elapsed_s=(self._time_us - self._started_us) / 1e6,
             time_left_s=left_s,
             target_mm=self._step.target_kpa if self._step and self.plan.controls_elongation else None,
         )
+
+    @property
+    def _waiting_phase(self) -> Phase:
+        return Phase.VENTING if self._assessed_since_us is None else Phase.ASSESSING
 
     def _cycles_left(self) -> int:
         """Return how many cycles have yet to begin."""

@@ -49,6 +49,7 @@ from protocol.base.errors import DeviceError, RequestError
 from protocol.recording import RunEnd
 
 VENTING_WAIT_S = 5.0
+_FLUSH_S = 0.2
 _POLL_S = 0.01
 _NO_LINK = (LinkState.CLOSED, LinkState.FAILED)
 _RUN_OVER = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
@@ -316,6 +317,22 @@ class Session:
         """Pass the plateaus of a staircase that a run needs no more; parameters as `Sequencer.hold_at`."""
         with self._acting() as control:
             control.sequencer.hold_at(plateaus)
+
+    def stop_at_cycles(self, *, on: bool) -> None:
+        """Hold the last level of each cycle until `next_cycle`, as `Sequencer.stop_at_cycles`."""
+        with self._acting() as control:
+            control.sequencer.stop_at_cycles(on=on)
+
+    def next_cycle(self) -> None:
+        """Begin the next cycle of a run that holds for it."""
+        with self._acting() as control:
+            control.sequencer.next_cycle()
+
+    def flush(self) -> None:
+        """Wait, a fifth of a second at most, until all samples and marks so far are in the recording."""
+        recorder = self._journal.recorder
+        if recorder is not None:
+            recorder.flush(_FLUSH_S)
 
     def vent(self, cause: str | None = None) -> None:
         """Vent now, in any state, from any thread.

@@ -65,7 +65,7 @@ STATE_TEXTS = {  # shape, text, buttons
 HELD = (S.ARMED, S.RUNNING, S.PAUSED, S.FINISHING)  # the session has a plan
 PHASE_WORDS = {
     Phase.RAMPING: "ramping", Phase.SETTLING: "settling", Phase.DWELLING: "holding", Phase.VENTING: "venting",
-    Phase.WAITING_FOR_READING: "waiting for the reading",
+    Phase.WAITING_FOR_READING: "waiting for the reading", Phase.ASSESSING: "holding, computing U",
 }  # fmt: skip
 BRANCH_WORDS = {"start": "opening", "unloading": "unloading", "loading": "loading", "end": "end"}
 

@@ -67,7 +67,11 @@ def model(ended: list[str], held: list[Any], monkeypatch: pytest.MonkeyPatch) ->
     """Return the model of a run that ends at 0.08 mm; its jobs are done at once."""
     monkeypatch.setattr(end_at_uncertainty, "Job", Done)
     monkeypatch.setattr(Done, "failure", None)
-    made = EnoughCycles(cast(Any, SimpleNamespace(finish_early=ended.append, hold_at=held.append)))
+    session = SimpleNamespace(
+        finish_early=ended.append, hold_at=held.append, stop_at_cycles=lambda on: None, next_cycle=lambda: None,
+        flush=lambda: None,
+    )  # fmt: skip
+    made = EnoughCycles(cast(Any, session))
     made.ask(0.08, "mm")
     return made
 

@@ -438,3 +438,47 @@ def test_one_long_wait_does_not_bias_the_time_left(long_s: float) -> None:
     while not reader.rig.ended:
         reader.read_after(3.0) if reader.rig.sequencer.waiting() else reader.rig.run(0.1)
     assert estimate_s == pytest.approx((reader.rig.time_us - begun_us) / 1e6, rel=0.2)
+
+
+def test_run_holds_the_last_level_of_a_cycle_until_it_is_assessed() -> None:
+    """The cycle counts at once and its level stays; then the next begins with what is to be held, or the run ends."""
+    rig = Rig(dataclasses.replace(PLAN, cycles=3))
+    rig.sequencer.stop_at_cycles(on=True)
+    rig.run(120)
+    seen = rig.sequencer.progress()
+    assert seen is not None
+    assert (seen.phase, seen.complete_cycles, seen.cycle, rig.pressure) == (Phase.ASSESSING, 1, 1, 50.0)
+    rig.sequencer.hold_at([])
+    rig.sequencer.next_cycle()
+    rig.run(120)
+    assert rig.sequencer.complete_cycles == 2
+    assert [(m.cycle, m.target_kpa) for m in rig.marks.values() if m.passed] == [(2, 5.0), (2, 5.0)]
+    rig.sequencer.finish_early("U is small enough")
+    rig.run(20)
+    assert (rig.ended, rig.vents, rig.sequencer.incomplete_cycles) == ([RunEnding(RunEnd.FINISHED)], 1, ())
+    assert {m.status for m in rig.marks.values()} == {"reached"}
+
+
+@pytest.mark.parametrize("leave", ["pause", "off", "late", "stop"])
+def test_a_held_cycle_is_left_by_any_way(leave: str) -> None:
+    """Paused it is vented and resumes; with no U asked, or after half an hour, the next begins; or it stops."""
+    rig = Rig()
+    rig.sequencer.stop_at_cycles(on=True)
+    rig.run(60)
+    assert rig.sequencer.progress().phase is Phase.ASSESSING
+    if leave == "pause":
+        rig.sequencer.pause()
+        rig.run(10)
+        assert rig.pressure == 0.0
+        rig.sequencer.resume()
+    elif leave == "off":
+        rig.sequencer.stop_at_cycles(on=False)
+    elif leave == "late":
+        rig.time_us += 1_801_000_000
+    else:
+        rig.sequencer.stop()
+        rig.run(10)
+        assert rig.ended == [RunEnding(RunEnd.STOPPED)]
+        return
+    rig.run(80)
+    assert (rig.ended, rig.sequencer.incomplete_cycles) == ([RunEnding(RunEnd.FINISHED)], ())

@@ -8,6 +8,7 @@ from scipy import stats
 from protocol.base.arrays import FloatArray
 
 _MAD_TO_SD = 1.482602218505602  # 1 / Phi^-1(3/4): median absolute deviation of a normal variable to its sd
+_BETWEEN = 21  # points between two levels
 BATCHES = 16  # of draws; the sd over so many is known to 18 %
 PERCENTILES = (2.5, 97.5)
 """Of the resamples, which a 95 % interval rests on."""
@@ -116,3 +117,27 @@ def interpolate(grid: FloatArray, x: FloatArray, y: FloatArray) -> FloatArray:
     knots, first, count = np.unique(x[order], return_index=True, return_counts=True)
     means = np.add.reduceat(y[order], first) / count
     return np.interp(grid, knots, means, left=np.nan, right=np.nan)
+
+
+def bound_between(level: FloatArray, apart: FloatArray) -> float:
+    """Return how far branches that are `apart` by this at levels may lie apart between these, [levels].
+
+    A loop is taken as concave: between two levels it lies below the lines through their other neighbours.
+    """
+    known = np.isfinite(apart)
+    order = np.argsort(level[known], kind="stable")
+    x, y = level[known][order], apart[known][order]
+    if x.size < 3:
+        return float(np.abs(y).max(initial=0.0))
+    y = y if y[np.argmax(np.abs(y))] > 0 else -y
+    slopes = np.diff(y) / np.diff(x)
+    bound = float(y.max())
+    for g in range(x.size - 1):
+        before = slopes[g - 1] if g > 0 else np.inf
+        after = slopes[g + 1] if g + 2 < x.size else -np.inf
+        width = x[g + 1] - x[g]
+        share = np.linspace(0.0, 1.0, _BETWEEN) * width
+        left = y[g] + before * share[1:-1] if np.isfinite(before) else np.full(_BETWEEN - 2, np.inf)
+        right = y[g + 1] - after * (width - share[1:-1]) if np.isfinite(after) else np.full(_BETWEEN - 2, np.inf)
+        bound = max(bound, float(np.minimum(left, right).max()))
+    return bound

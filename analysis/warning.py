@@ -40,6 +40,7 @@ class WarningCode(StrEnum):
     CONSTANT_SIGNAL = "constant_signal"
     FLAT = "flat"
     INFLUENCE = "influence"
+    NOT_SETTLED = "not_settled"
     NO_SPAN = "no_span"
     HYSTERESIS_IS_A_BOUND = "hysteresis_is_a_bound"
     HYSTERESIS_IN_PART = "hysteresis_in_part"

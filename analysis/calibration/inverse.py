@@ -94,7 +94,7 @@ class Inverse:
         cls,
         calibration: Calibration,
         *,
-        noise_sd: float | None = None,
+        noise_sd: npt.ArrayLike | None = None,
         model_sd: float = 0.0,
         half_loop: npt.ArrayLike = 0.0,
         reading_sd: float = 0.0,
@@ -105,7 +105,7 @@ class Inverse:
 
         Parameters
         ----------
-        noise_sd : sd of one new signal, mV, independent between sensors; by default the residual sd of the fit.
+        noise_sd : sd of one new signal, mV, as `half_loop`, independent between sensors; by default that of the fit.
         model_sd : sd of what the curve leaves out and the sensors share (repeatability, drift), mV.
         half_loop : half the sensor's loop, mV: at equally spaced x from end to end of the range, or everywhere.
         reading_sd : sd of the readings of x, mm, if the calibration does not know its positions.
@@ -115,10 +115,10 @@ class Inverse:
             calibration = calibration.with_reading(reading_sd)
         raise_without_inverse(calibration)
         starts, powers = _pieces(calibration)
-        noise = calibration.residual_sd if noise_sd is None else float(noise_sd)
         x = np.linspace(*calibration.x_range, U_NODES)
-        loop = np.atleast_1d(np.asarray(half_loop, dtype=np.float64))
-        loop = np.interp(x, np.linspace(*calibration.x_range, loop.size), loop)
+        own = calibration.residual_sd if noise_sd is None else noise_sd
+        given = (np.atleast_1d(np.asarray(one, dtype=np.float64)) for one in (own, half_loop))
+        noise, loop = (np.interp(x, np.linspace(*calibration.x_range, one.size), one) for one in given)
         parts = _uncertainty(calibration, x, noise, model_sd, loop)
         half_division = calibration.reading.grid / 2.0 if calibration.reading is not None else 0.0
         nodes = signal_at(np.linspace(-1.0, 1.0, NODES), starts, powers)
@@ -206,9 +206,9 @@ def _pieces(calibration: Calibration) -> tuple[FloatArray, FloatArray]:
 
 
 def _uncertainty(
-    calibration: Calibration, x: FloatArray, noise_sd: float, model_sd: float, half_loop: FloatArray
+    calibration: Calibration, x: FloatArray, noise_sd: FloatArray, model_sd: float, half_loop: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return `noise_mm` and `shared_mm` of an inverse at x, mm; `half_loop` at x, mV."""
+    """Return `noise_mm` and `shared_mm` of an inverse at x, mm; `noise_sd` and `half_loop` at x, mV."""
     per_mv = 1.0 / np.maximum(np.abs(calibration.slope(x)), _LEVEL)
     by_fit, by_reading = calibration.curve_parts(x)
     noise, shared = noise_sd * per_mv, np.sqrt(model_sd**2 + by_fit**2 + by_reading**2) * per_mv

@@ -22,6 +22,7 @@ from scipy import optimize, stats
 
 from analysis.calibration.quantised_x import Positions, common_variance
 from analysis.polynomial import LeastSquares, legendre_slopes
+from analysis.statistics import bound_between
 from protocol.base.arrays import BoolArray, FloatArray
 from protocol.base.errors import DataError
 
@@ -416,11 +417,16 @@ def fit_of_best_loop(means: PositionMeans, basis: CurveBasis, most_terms: int) -
 
 @dataclass(frozen=True, slots=True)
 class LoopEstimate:
-    """The greatest width of a loop, less what its variance adds, and its 95 % interval, in the unit of y."""
+    """The greatest width of a loop, less what its variance adds, and its 95 % interval, in the unit of y.
+
+    `at_levels` is the greatest at the positions that were read, `between` the bound of what lies between these.
+    """
 
     width: float
     low: float
     high: float
+    at_levels: float = 0.0
+    between: float = 0.0
 
 
 def greatest_loop_width(fit: JointFit, rng: np.random.Generator, draws: int = WIDTH_DRAWS) -> LoopEstimate:
@@ -449,4 +455,9 @@ def greatest_loop_width(fit: JointFit, rng: np.random.Generator, draws: int = WI
     low = np.minimum(np.maximum(centre - reach, 0.0), width)
     if greatest <= by_chance * np.percentile(np.tile(alone, 2), 95.0):
         low = 0.0
-    return LoopEstimate(float(width), float(low), float(np.maximum(centre, width) + reach))
+    branches = [np.clip(fit.means.x[fit.means.branch * side >= 0], *fit.ends) for side in (-1, 1)]
+    apart = [(x, np.abs(fit.loop_width(x))) for x in branches]
+    known = float(width / greatest) if greatest > 0.0 else 0.0  # without what its variance adds
+    at_levels = min(float(y.max(initial=0.0)) for _, y in apart)
+    of_levels = (known * at_levels, known * max(bound_between(x, y) for x, y in apart))
+    return LoopEstimate(float(width), float(low), float(np.maximum(centre, width) + reach), *of_levels)

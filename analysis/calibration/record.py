@@ -33,7 +33,8 @@ class SensorRecord:
     fit : the curve, its covariance, range and tests, as `fit --json` shows them.
     positions, branches : [n] labels for `fit_by_branch`; None in the oldest records.
     ambient_mv : [n] error by ambient light that a position has in every cycle; None without one.
-    noise_mv, between_cycles_mv : sd of one signal, None for the residual sd of the fit; sd from cycle to cycle.
+    noise_mv, between_cycles_mv : sd of one signal, None for the residual sd of the fit, a list at equally spaced
+        elongations where it changes over them; sd from cycle to cycle.
     half_loop_mv : half the width of the loop at equally spaced elongations.
     u_reason : why U is not known; `between_cycles_mv` and `half_loop_mv` are NaN where they were not assessed.
     fitted : the calibration of the run, if the record was not read from a file.
@@ -47,7 +48,7 @@ class SensorRecord:
     branches: FloatArray | None = None
     ambient_mv: FloatArray | None = None
     reading_sd_mm: float = 0.0
-    noise_mv: float | None = None
+    noise_mv: float | Sequence[float] | None = None
     between_cycles_mv: float = 0.0
     half_loop_mv: FloatArray = field(default_factory=lambda: np.zeros(1))
     type_b: Mapping[str, Any] = field(default_factory=dict)

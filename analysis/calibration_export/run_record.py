@@ -46,7 +46,7 @@ def sensor_record(analysis: AnalysedRun, number: int) -> SensorRecord:
         branches=analysis.branch_of(points),
         ambient_mv=ambient if ambient.any() else None,
         reading_sd_mm=analysis.reading_sd_mm,
-        noise_mv=parts.independent if np.isfinite(parts.independent) else None,
+        noise_mv=parts.independent_over_x,
         between_cycles_mv=parts.between_cycles,
         half_loop_mv=parts.half_loop,
         u_reason=parts.void,

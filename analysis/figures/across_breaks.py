@@ -130,6 +130,7 @@ def of_cycles(loops: Loops, numbers: Sequence[int]) -> Loops:
         loops, pressure_kpa=loops.pressure_kpa[:, at], elongation_mm=None if x is None else x[:, at],
         signal_mv=loops.signal_mv[:, :, at], own=loops.own[:, at], numbers=tuple(numbers),
         one_branch=tuple(loops.one_branch[i] for i in at) if loops.one_branch else (),
+        samples=loops.samples[:, :, at] if loops.binned else loops.samples,
     )  # fmt: skip
 
 

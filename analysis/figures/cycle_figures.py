@@ -11,11 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import stats
 
 from analysis.figures.figure import Figure, Reason
 from analysis.figures.intervals import bootstrap_figure, no_full_scale
 from analysis.segmentation.cycle_effect import CycleEffect
 from analysis.segmentation.loops import Loops, LoopWidth, branch_mean
+from analysis.segmentation.serial_correlation import Dependence
 from analysis.statistics import robust_sd, theil_sen
 from protocol.base.arrays import FloatArray
 
@@ -24,14 +26,20 @@ WARM_UP_PERCENT = 0.1
 """Of full-scale output: a fiftieth of the published hysteresis, below what any reader of a report acts upon."""
 LEAST_LATER = 2
 """Cycles in the second half: one has no scatter to compare with."""
+LEAST_FOR_TREND = 3
 _DRAWS = 2_000
 """Of simulated cycles: their mean maximum is then known to a fortieth of its scatter."""
 POOLED = "pooled sd over cycles of all levels / FSO"
 WORST = "largest sd over cycles of a level / FSO"
 
 
-def repeatability(loops: Loops, sensor: int, full_scale_value: float, weights: FloatArray) -> dict[str, Figure]:
-    """ISO 5725 repeatability sd over cycles at each pressure and branch, % FSO: pooled and worst; full scale in mV."""
+def repeatability(
+    loops: Loops, sensor: int, full_scale_value: float, weights: FloatArray, noise_mv: float = 0.0
+) -> dict[str, Figure]:
+    """ISO 5725 repeatability sd over cycles at each pressure and branch, % FSO: pooled and worst; full scale in mV.
+
+    The noise of the mean of a bin, which depends on the rate of a continuous run, is taken out.
+    """
     names = ("repeatability_percent_fso", "repeatability_worst_percent_fso")
     values = np.where(loops.own, loops.signal_mv[sensor], np.nan)
     counts = np.isfinite(values).sum(axis=1)
@@ -46,18 +54,26 @@ def repeatability(loops: Loops, sensor: int, full_scale_value: float, weights: F
     n = loops.n_cycles
     # a resample's variance is (n - 1) / n of the sample's on average: without this the interval would sit too low
     pooled_b, worst_b = (np.sqrt(n / (n - 1.0)) * part for part in _pooled_and_worst(series, weights))
-    figure = bootstrap_figure(
-        scale * pooled[0], scale * pooled_b, "% FSO", n, "pooled sd over cycles of all levels / FSO"
-    )
+    figure = bootstrap_figure(scale * pooled[0], scale * pooled_b, "% FSO", n, POOLED)
+    effect = CycleEffect.of(loops, sensor)
     if figure.value > 0.0:  # resamples of few cycles that differ as a whole scatter less than the sd does
-        low, high = (scale * end for end in CycleEffect.of(loops, sensor).interval(float(pooled[0])))
+        low, high = (scale * end for end in effect.interval(float(pooled[0])))
         figure = replace(figure, low=float(np.minimum(figure.low, low)), high=float(np.maximum(figure.high, high)))
-    return {
-        names[0]: figure,
-        names[1]: bootstrap_figure(
-            scale * worst[0], scale * worst_b, "% FSO", n, "largest sd over cycles of a level / FSO"
-        ),
-    }
+    of_worst = bootstrap_figure(scale * worst[0], scale * worst_b, "% FSO", n, WORST)
+    by_noise = (scale * noise_mv) ** 2 * loops.noise_share(sensor)[enough] if noise_mv > 0 else np.zeros(enough.sum())
+    at = int(np.argmax(np.nanvar(series, axis=0)))
+    figure, of_worst = _without_noise(figure, float(by_noise.mean())), _without_noise(of_worst, float(by_noise[at]))
+    if by_noise.any():  # the greatest of many spreads that noise alone makes
+        of_worst = replace(of_worst, low=min(of_worst.low, figure.low))
+    return {names[0]: _noted(figure, effect.dependence), names[1]: of_worst}
+
+
+def _without_noise(figure: Figure, variance: float) -> Figure:
+    """Return a spread without a known variance, in its unit."""
+    if not variance > 0.0:
+        return figure
+    value, low, high = (float(np.sqrt(max(v**2 - variance, 0.0))) for v in (figure.value, figure.low, figure.high))
+    return replace(figure, value=value, low=low, high=high)
 
 
 def drift(loops: Loops, sensor: int, full_scale_value: float) -> Figure:
@@ -67,14 +83,51 @@ def drift(loops: Loops, sensor: int, full_scale_value: float) -> Figure:
         return Figure.nothing(unit, Reason.FEW_CYCLES, "fewer than three complete cycles", definition)
     if not full_scale_value > 0:
         return no_full_scale(unit, definition)
-    values = np.where(loops.own, loops.signal_mv[sensor], np.nan)
-    whole = np.isfinite(values).all(axis=1)
-    if not whole.any():
+    common = cycle_means(loops, sensor)
+    if not common.size:
         return Figure.nothing(unit, Reason.NO_COMMON_LEVEL, "no level is known in every cycle", definition)
-    common = values.transpose(1, 0, 2)[:, whole].mean(axis=1)
     number, scale = np.asarray(loops.numbers, dtype=np.float64), 100.0 * 100.0 / full_scale_value
     slope, low, high = (scale * v for v in theil_sen(number, common))
-    return Figure(slope, unit, loops.n_cycles, low, high, definition=definition)
+    dependence = Dependence.of(common, 2)
+    low, high = slope - dependence.slope_widening * (slope - low), slope + dependence.slope_widening * (high - slope)
+    return _noted(Figure(slope, unit, loops.n_cycles, low, high, definition=definition), dependence)
+
+
+def _noted(figure: Figure, dependence: Dependence) -> Figure:
+    """Return the figure with the note that its cycles depend on one another, where they do."""
+    note = f"cycles depend on one another (correlation up to {dependence.rho:g}): the interval allows for it"
+    return replace(figure, note=note, reason=Reason.DEPENDENT) if dependence.noticed else figure
+
+
+@dataclass(frozen=True, slots=True)
+class Trend:
+    """A drift of the signal in time: slope, mV/s, and half its 95 % interval; zeros where it is not significant."""
+
+    slope: float = 0.0
+    reach: float = 0.0
+
+    @classmethod
+    def of(cls, loops: Loops, sensor: int, time_s: FloatArray) -> Trend:
+        """Fit the means of the cycles, at times [cycles]; Student's t, widened if cycles depend on one another."""
+        means = cycle_means(loops, sensor)
+        if means.size < LEAST_FOR_TREND or not np.ptp(time_s) > 0:
+            return cls()
+        away = time_s - time_s.mean()
+        spread = float(away @ away)
+        slope = float(away @ means) / spread
+        left = means - means.mean() - slope * away
+        dof = means.size - 2
+        se = float(np.sqrt(left @ left / dof / spread))
+        reach = float(stats.t.ppf(0.975, dof)) * se * Dependence.of(means, 2).slope_widening
+        return cls(slope, reach) if abs(slope) > reach else cls()
+
+
+def cycle_means(loops: Loops, sensor: int) -> FloatArray:
+    """Return the mean signal of each cycle over the places that all cycles have, [cycles] mV; empty without any."""
+    values = np.where(loops.own, loops.signal_mv[sensor], np.nan)
+    whole = np.isfinite(values).all(axis=1)
+    common: FloatArray = values.transpose(1, 0, 2)[:, whole].mean(axis=1) if whole.any() else np.empty(0)
+    return common
 
 
 def _pooled_and_worst(series: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:

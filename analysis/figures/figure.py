@@ -109,6 +109,8 @@ class Reason(StrEnum):
     PART_OF_RANGE = "part_of_range"
     WIDER_THAN_FULL_SCALE = "wider_than_full_scale"
     FEW_POSITIONS = "few_positions"
+    NOT_SETTLED = "not_settled"
+    DEPENDENT = "dependent"
     DOUBTFUL = "doubtful"
     INADEQUATE = "inadequate"
 

@@ -36,15 +36,32 @@ def at_least(figure: Figure, reach: float) -> Figure:
     return replace(figure, low=low, high=max(figure.high, figure.value + reach))
 
 
-def with_shared_error(figure: Figure, shared: float) -> Figure:
-    """Widen the interval of a distance by an error of the means at its ends, sd `shared`, that the cycles share."""
-    if not shared > 0 or not np.isfinite([figure.value, figure.low, figure.high]).all():
+def with_reach(figure: Figure, reach: float) -> Figure:
+    """Widen an interval, where there is one, by a further reach on either side, as of an independent part."""
+    if not reach > 0 or not np.isfinite([figure.value, figure.low, figure.high]).all():
         return figure
-    reach = 1.96 * np.sqrt(2.0) * shared
-
     low = figure.value - np.hypot(figure.value - figure.low, reach)
     high = figure.value + np.hypot(figure.high - figure.value, reach)
     return replace(figure, low=float(max(low, 0.0)), high=float(high))
+
+
+def with_shared_error(figure: Figure, shared: float) -> Figure:
+    """Widen the interval of a distance by an error of the means at its ends, sd `shared`, that the cycles share."""
+    return with_reach(figure, 1.96 * np.sqrt(2.0) * shared)
+
+
+def unsettled(figure: Figure, rest: Figure, held_s: float) -> Figure:
+    """Return a figure of holds that are not settled; its interval also holds that at rest."""
+    ends = np.asarray([figure.low, figure.high, rest.low, rest.high])
+    if figure.unit == "dB" or not np.isfinite([figure.value, rest.value]).all():
+        return figure
+    note = f"at {held_s:.2g} s: the holds are not settled"
+    note = f"{note}; {figure.note}" if figure.note else note
+    reason = figure.reason if figure.reason is not Reason.NONE else Reason.NOT_SETTLED
+    if not np.isfinite(ends).all():
+        return replace(figure, note=note, reason=reason)
+    low, high = min(figure.low, rest.low), max(figure.high, rest.high)
+    return replace(figure, low=low, high=high, note=note, reason=reason)
 
 
 def with_full_scale(figure: Figure, full_scale: Figure) -> Figure:

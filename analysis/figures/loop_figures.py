@@ -13,11 +13,12 @@ import numpy as np
 from analysis.calibration.fit import Calibration
 from analysis.calibration.joint_fit import LoopEstimate
 from analysis.figures.figure import Figure, Reason
-from analysis.figures.intervals import bootstrap_figure, no_full_scale
+from analysis.figures.intervals import bootstrap_figure, no_full_scale, with_reach
 from analysis.numbers import percent
 from analysis.segmentation.cycles import Cycles
 from analysis.segmentation.loops import Loops, LoopWidth, branch_mean, end_levels, width_of_loops
 from analysis.segmentation.plateaus import Plateau
+from analysis.statistics import bound_between
 from protocol.base.arrays import FloatArray
 
 LEAST_SHARED = 0.85  # of the abscissa: below it a wider loop may be missed
@@ -34,11 +35,29 @@ def joint_hysteresis(
         return plain
     scale = 100.0 / full_scale_value
     value, low, high = (scale * v for v in (estimate.width, estimate.low, estimate.high))
+    low = max(value - np.hypot(value - low, max(value - scale * estimate.at_levels, 0.0)), 0.0) if low > 0.0 else 0.0
+    high += max(scale * estimate.between - value, 0.0)
     keep = plain.reason is Reason.PART_OF_RANGE
     return replace(
         plain, value=value, low=low, high=high, note=plain.note if keep else "",
         reason=plain.reason if keep else Reason.NONE,
     )  # fmt: skip
+
+
+def with_what_lies_between(
+    figure: Figure, level_kpa: FloatArray, branches: FloatArray, full_scale_value: float, floor: float = 0.0
+) -> Figure:
+    """Return a hysteresis over pressure, % of full scale, whose interval holds what a loop may do between levels.
+
+    `branches` are [2, cycles, levels]; `floor`, % of full scale, what else than a loop sets them apart by.
+    """
+    if not np.isfinite([figure.value, figure.high]).all() or not full_scale_value > 0:
+        return figure
+    both = np.isfinite(branches).all(axis=0, keepdims=True) & np.isfinite(branches)
+    count = both.sum(axis=1)
+    means = np.where(both, branches, 0.0).sum(axis=1) / np.where(count > 0, count, np.nan)
+    more = 100.0 / full_scale_value * bound_between(level_kpa, means[1] - means[0]) - floor - figure.value
+    return replace(figure, high=float(figure.high + max(more, 0.0)))
 
 
 def sensor_loop_width(loops: Loops, sensor: int, calibration: Calibration | None, weights: FloatArray) -> LoopWidth:
@@ -104,13 +123,13 @@ def limited(figure: Figure, floor: float, by: str, share: float = BOUND_SHARE) -
 
 def pressure_full_scale(loops: Loops, sensor: int, weights: FloatArray) -> Figure:
     """Full-scale output, mV, of a run without x: between the extreme pressures."""
-    low, high = (float(v[0]) for v in end_levels(loops, sensor))
+    (low,), (high,), bent = end_levels(loops, sensor)
     if not np.isfinite(high - low):
         return Figure.nothing("mV", Reason.NO_CYCLE, "no complete cycle")
-    lows, highs = end_levels(loops, sensor, weights)
-    return bootstrap_figure(
-        abs(high - low), np.abs(highs - lows), "mV", loops.n_cycles, "|y(p_max) - y(p_min)|, means over cycles"
-    )
+    lows, highs, _ = end_levels(loops, sensor, weights)
+    definition = "|y(p_max) - y(p_min)|, means over cycles"
+    found = bootstrap_figure(float(abs(high - low)), np.abs(highs - lows), "mV", loops.n_cycles, definition)
+    return with_reach(found, bent)
 
 
 def pressure_nonlinearity(loops: Loops, sensor: int, full_scale_value: float, weights: FloatArray) -> Figure:

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 from scipy import signal as sp_signal
+from scipy import stats
 
 from analysis.data.recording import Recording
 from analysis.figures.figure import Figure, Reason
@@ -14,6 +15,8 @@ from analysis.segmentation.cycles import Cycles
 from analysis.segmentation.plateaus import Plateau
 from protocol.base.arrays import FloatArray
 
+_COURSE_TERMS, _BY_CHANCE = 3, 1e-3  # of the noise over x
+
 
 def staircase_noise(plateaus: tuple[Plateau, ...], sensor: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Sum of squares about each plateau's mean, its degrees of freedom, and its cycle; plateaus that count only."""
@@ -21,6 +24,25 @@ def staircase_noise(plateaus: tuple[Plateau, ...], sensor: int) -> tuple[FloatAr
     dof = np.asarray([p.n[sensor] - 1 for p in usable], dtype=np.float64)
     squares = np.asarray([p.signal_sd_mv[sensor] ** 2 for p in usable]) * dof
     return squares, dof, np.asarray([p.cycle for p in usable], dtype=np.float64)
+
+
+def noise_course(x: FloatArray, variance: FloatArray, grid: FloatArray) -> FloatArray:
+    """Return how the noise grows over x, [grid], relative to its rms; ones where it is the same everywhere.
+
+    `x` and `variance` [n] are of the plateaus. A parabola through the logarithms, if it explains them better than a
+    constant (F test, 0.1 %).
+    """
+    none, known = np.ones(grid.size), np.isfinite(x) & (variance > 0.0)
+    dof = int(known.sum()) - _COURSE_TERMS
+    if dof < _COURSE_TERMS or not np.ptp(x[known]) > 0.0:
+        return none
+    design, away = (np.vander((at - x[known].mean()) / np.ptp(x[known]), _COURSE_TERMS) for at in (x[known], grid))
+    logs = np.log(variance[known])
+    found, *_ = np.linalg.lstsq(design, logs, rcond=None)
+    left, whole = float(((logs - design @ found) ** 2).sum()), float(((logs - logs.mean()) ** 2).sum())
+    if not whole > left or stats.f.sf((whole - left) / (_COURSE_TERMS - 1) / (left / dof), 2, dof) > _BY_CHANCE:
+        return none
+    return np.asarray(np.exp(0.5 * (away @ found)) / np.sqrt(np.mean(np.exp(design @ found))))
 
 
 def continuous_noise(recording: Recording, cycles: Cycles, sensor: int) -> tuple[FloatArray, FloatArray, FloatArray]:

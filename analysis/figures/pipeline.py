@@ -20,7 +20,8 @@ from analysis.data.recording import Recording
 from analysis.fidelity import fidelity
 from analysis.figures.across_breaks import compare_breaks, of_cycles, parts_of
 from analysis.figures.figure import Figure, LabFigure, Reason
-from analysis.figures.loop_figures import hysteresis, joint_hysteresis
+from analysis.figures.intervals import unsettled
+from analysis.figures.loop_figures import hysteresis, joint_hysteresis, with_what_lies_between
 from analysis.figures.reading_check import CheckedReading, checked_readings, without_wrong_readings
 from analysis.figures.sensor_analysis import (
     AnalysedRun,
@@ -37,7 +38,7 @@ from analysis.json_object import json_object
 from analysis.progress import Progress, part_of
 from analysis.segmentation.cycles import find_cycles
 from analysis.segmentation.derived_channels import derived_json
-from analysis.segmentation.loops import Loops, continuous_loops, staircase_loops, width_of_loops
+from analysis.segmentation.loops import Loops, LoopWidth, continuous_loops, staircase_loops, width_of_loops
 from analysis.segmentation.losses import LossCounter
 from analysis.segmentation.plateau_readings import elongations_of
 from analysis.segmentation.plateaus import find_plateaus
@@ -271,10 +272,27 @@ def _actuator_hysteresis(run: SegmentedRun, sensors: Sequence[SensorAnalysis]) -
     if loop is not None:
         low, high = loop.fit.predict(np.asarray(loop.fit.ends))
         figure = joint_hysteresis(loop.estimate, width, abs(float(high - low)), run.loops.n_cycles, over="p")
-        return replace(figure, unit="%"), per_cycle
-    figure = hysteresis(width, span, run.loops.n_cycles, definition)
-    per_mm = 100.0 / span if span > 0 else 0.0
-    return limited_by_reading(replace(figure, unit="%"), run.reading_sd_mm, per_mm), per_cycle
+    else:
+        per_mm = 100.0 / span if span > 0 else 0.0
+        figure = limited_by_reading(hysteresis(width, span, run.loops.n_cycles, definition), run.reading_sd_mm, per_mm)
+    grid = np.sqrt(12.0) * run.reading_sd_mm * 100.0 / span if span > 0 else 0.0
+    figure = with_what_lies_between(figure, run.loops.level_kpa, x, span, grid)
+    return _actuator_at_rest(replace(figure, unit="%"), run, sensors, width), per_cycle
+
+
+def _actuator_at_rest(figure: Figure, run: SegmentedRun, sensors: Sequence[SensorAnalysis], width: LoopWidth) -> Figure:
+    """Return the actuator's hysteresis; of holds that are not settled its interval also holds that at rest."""
+    x = run.elongations
+    known = [(s, c) for s in sensors if (c := s.calibration) is not None and not s.settling.settled]
+    if x is None or not known:
+        return figure
+    with np.errstate(divide="ignore"):
+        moved = np.mean([s.settling.remaining_mv / c.slope(x.elongation_mm) for s, c in known], axis=0)
+    rest = run.with_elongations(replace(x, elongation_mm=x.elongation_mm + moved)).loops
+    assert rest.elongation_mm is not None
+    wider = width_of_loops(rest, rest.pressure_kpa, rest.elongation_mm, run.weights).mean_loop / width.mean_loop
+    at_rest = replace(figure, value=figure.value * wider, low=figure.low * wider, high=figure.high * wider)
+    return unsettled(figure, at_rest, known[0][0].settling.held_s)
 
 
 def _system_sensitivity(sensors: Sequence[SensorAnalysis]) -> Figure:

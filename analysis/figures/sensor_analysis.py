@@ -8,6 +8,7 @@ on all plateaus or cycles that are used; above the limit of lost samples a figur
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
@@ -35,9 +36,9 @@ from analysis.data.recording import Recording
 from analysis.fidelity import Level, fidelity
 from analysis.figures.across_breaks import Break, of_cycles
 from analysis.figures.curve_figures import CURVE_POINTS, curve_figures, draw_joint, lack_of_fit, resample_fit
-from analysis.figures.cycle_figures import FiguresByCycle, drift, figures_by_cycle, repeatability
+from analysis.figures.cycle_figures import FiguresByCycle, Trend, drift, figures_by_cycle, repeatability
 from analysis.figures.figure import Figure, Reason, marked_implausible, not_driven
-from analysis.figures.intervals import combined_error, with_full_scale, with_shared_error
+from analysis.figures.intervals import combined_error, unsettled, with_full_scale, with_reach, with_shared_error
 from analysis.figures.loop_figures import (
     hysteresis,
     joint_hysteresis,
@@ -46,6 +47,7 @@ from analysis.figures.loop_figures import (
     pressure_full_scale,
     pressure_nonlinearity,
     sensor_loop_width,
+    with_what_lies_between,
 )
 from analysis.figures.noise_figures import continuous_noise, noise_and_snr, staircase_noise
 from analysis.progress import Progress, part_of
@@ -57,12 +59,14 @@ from analysis.segmentation.loops import (
     Loops,
     LoopWidth,
     cluster_levels,
+    continuous_loops,
     staircase_loops,
     width_of_loops,
 )
 from analysis.segmentation.losses import LossCounter, Losses
 from analysis.segmentation.plateau_readings import Elongations
 from analysis.segmentation.plateaus import Plateau, PlateauSettings
+from analysis.segmentation.settling import Settling, settling_of
 from protocol.base.arrays import BoolArray, FloatArray, IntArray
 from protocol.base.errors import BoatDaqError, DataError
 
@@ -72,6 +76,7 @@ OF_POINTS = (  # figures of the calibration's points; the others are those of th
 )  # fmt: skip
 
 
+LACK_OF_FIT = "lack_of_fit_percent_fso"  # a verdict on the curve, at the dwell or at rest
 ACTUATOR_DEGREE, ACTUATOR_LOOP_TERMS = 3, 4
 MOST_RESAMPLES = 200_000
 """More take gigabytes, and change no digit that is printed."""
@@ -126,6 +131,7 @@ class SensorAnalysis:
     sensor_loop: LoopWidth | None
     by_cycle: FiguresByCycle
     checks: Mapping[str, Any] | None
+    settling: Settling
     joint_loop: JointFit | None = None
     influences: tuple[ChannelInfluence, ...] = ()
 
@@ -154,6 +160,7 @@ class SensorAnalysis:
             "figures": {name: figure.as_json() for name, figure in figures.items()},
             "adequacy": self.checks["adequacy"] if self.checks is not None else None,
             "checks": dict(self.checks) if self.checks is not None else None,
+            "settling": self.settling.as_json(),
             "influences": [influence.as_json() for influence in self.influences],
         }
 
@@ -208,6 +215,48 @@ class SegmentedRun:
         whole = staircase_loops(self.plateaus, self.cycles, elongations.elongation_mm, self.recording.n_sensors)
         return replace(self, elongations=elongations, loops=of_cycles(whole, self.loops.numbers))
 
+    def with_change(self, sensor: int, change_mv: FloatArray) -> SegmentedRun:
+        """Return the run with a change of a sensor's signal at each plateau, [plateaus]; sensors count from 0."""
+
+        def changed(plateau: Plateau, by_mv: float) -> Plateau:
+            signal = plateau.signal_mv
+            return replace(plateau, signal_mv=(*signal[:sensor], signal[sensor] + by_mv, *signal[sensor + 1 :]))
+
+        plateaus = tuple(map(changed, self.plateaus, change_mv.tolist()))
+        x = self.elongations.elongation_mm if self.elongations is not None else None
+        whole = staircase_loops(plateaus, self.cycles, x, self.recording.n_sensors)
+        return replace(self, plateaus=plateaus, loops=of_cycles(whole, self.loops.numbers))
+
+    def trend(self, sensor: int) -> Trend:
+        """Return the significant drift of a sensor's signal over time."""
+        cycles = {cycle.number: cycle for cycle in self.cycles.used}
+        time_s = [float(np.mean(self.recording.time_s[cycles[number].rows])) for number in self.loops.numbers]
+        return Trend.of(self.loops, sensor, np.asarray(time_s))
+
+    def without(self, trend: Trend, sensor: int) -> SegmentedRun:
+        """Return the run without a drift of a sensor's signal, its value in the middle of the run kept."""
+        if not trend.slope:
+            return self
+        if self.plateaus:
+            middle = np.asarray([0.5 * (p.start_s + p.end_s) for p in self.plateaus])
+            used = [p.cycle in self.loops.numbers for p in self.plateaus]
+            return self.with_change(sensor, -trend.slope * (middle - middle[used].mean()))
+        rows = [cycle.rows for cycle in self.cycles.used if cycle.number in self.loops.numbers]
+        time_s, signal = self.recording.time_s, self.recording.signal_mv.copy()
+        signal[:, sensor] -= trend.slope * (time_s - np.mean([time_s[each].mean() for each in rows]))
+        whole = continuous_loops(replace(self.recording, signal_mv=signal), self.cycles)
+        return replace(self, loops=of_cycles(whole, self.loops.numbers))
+
+    def settling(self, sensor: int) -> Settling:
+        """Test whether the holds of the used cycles are settled."""
+        chosen = set(self.loops.numbers)
+        used = np.asarray(
+            [i for i, p in enumerate(self.plateaus)
+             if p.cycle in chosen and p.branch in ("loading", "unloading") and np.isfinite(p.signal_mv[sensor])],
+            dtype=np.int64,
+        )  # fmt: skip
+        return settling_of(self.recording, self.plateaus, sensor, used, self.position_of(used))
+
     def branch_of(self, points: np.ndarray[Any, Any]) -> FloatArray:
         """[points] 1 loading, -1 unloading, 0 at the end levels, which both branches share."""
         level, count = self._levels
@@ -240,13 +289,19 @@ class AnalysedRun(SegmentedRun):
 def analyse_sensor(run: SegmentedRun, sensor: int, *, progress: Progress | None = None) -> SensorAnalysis:
     """Compute every figure of a sensor, counted from 0; `progress` is that of its posterior, then of all."""
     calibration, posterior, reason = None, None, ""
+    trend, raw = run.trend(sensor), run
+    run = run.without(trend, sensor)
     points = np.flatnonzero(run.calibration_points(sensor))
     try:
         calibration = _calibrate(run, sensor, points)
         posterior = _sampled(run, sensor, calibration, points, progress)
     except BoatDaqError as error:
         reason = error.cause
-    drawn, system, own = _drawn(run, sensor, calibration, points)
+    settling = run.settling(sensor)
+    drawn, system, own = _drawn(run, sensor, calibration, points, trend)
+    if not settling.settled:
+        drawn = _with_rest(run, sensor, drawn, settling)
+    drawn |= _over_cycles(raw, sensor, drawn)
     fso, figures = drawn["fso_mv"].value, _usable(run, sensor, drawn)
     if progress is not None:
         progress(1, 1)
@@ -254,14 +309,27 @@ def analyse_sensor(run: SegmentedRun, sensor: int, *, progress: Progress | None 
         run.recording.sensor_names[sensor], calibration, reason, posterior, figures,
         _percent(own.per_cycle, fso) if own is not None else (), _percent(system.per_cycle, fso),
         points.astype(np.float64), system, own,
-        figures_by_cycle(run.loops, sensor, figures["fso_mv"].value, system, _noise(run, sensor)),
+        figures_by_cycle(raw.loops, sensor, figures["fso_mv"].value, system, _noise(run, sensor)),
         _checks(calibration, _cycle_of(run, points)) if calibration is not None else None,
+        settling,
         _joint_loop(calibration.adequacy) if calibration is not None else None,
         influences(
-            run.recording, run.cycles, run.plateaus, run.loops, sensor, fso_mv=fso,
+            raw.recording, raw.cycles, raw.plateaus, raw.loops, sensor, fso_mv=fso,
             sensitivity_mv_per_mm=figures["sensitivity_mv_per_mm"].value if calibration is not None else float("nan"),
         ),
     )  # fmt: skip
+
+
+def _with_rest(run: SegmentedRun, sensor: int, figures: dict[str, Figure], settling: Settling) -> dict[str, Figure]:
+    """Return figures of holds that are not settled: of their dwell, with intervals that hold those at rest."""
+    at_rest = run.with_change(sensor, settling.remaining_mv)
+    points = np.flatnonzero(at_rest.calibration_points(sensor))
+    calibration = None
+    with suppress(BoatDaqError):  # a run without a calibration has none at rest either
+        calibration = _calibrate(at_rest, sensor, points)
+    rest = _drawn(at_rest, sensor, calibration, points, Trend())[0]
+    held = settling.held_s
+    return {k: f if k == LACK_OF_FIT else unsettled(f, rest.get(k, f), held) for k, f in figures.items()}
 
 
 def _sampled(
@@ -285,9 +353,12 @@ def _cycle_of(run: SegmentedRun, points: IntArray) -> FloatArray:
 
 
 def _drawn(
-    run: SegmentedRun, sensor: int, calibration: Calibration | None, points: IntArray
+    run: SegmentedRun, sensor: int, calibration: Calibration | None, points: IntArray, trend: Trend
 ) -> tuple[dict[str, Figure], LoopWidth, LoopWidth | None]:
-    """Return the figures of a sensor, and the widths of its loops over pressure and over elongation."""
+    """Return the figures of a sensor, and the widths of its loops over pressure and over elongation.
+
+    `trend` was taken out of the run: between the branches lies half a cycle, for which its error counts.
+    """
     adequacy = calibration.adequacy if calibration is not None else None
     if calibration is not None:
         figures = _curve_figures(run, calibration, adequacy, _cycle_of(run, points))
@@ -306,14 +377,26 @@ def _drawn(
         estimate = greatest_loop_width(joint, rng, max(WIDTH_DRAWS, run.weights.shape[0] // 4))
         figure = joint_hysteresis(estimate, own, fso, run.loops.n_cycles)
         loops_figures["sensor_hysteresis_percent_fso"] = figure
+    if trend.slope and fso > 0:
+        half_s = 0.5 * float(np.median([np.ptp(run.recording.time_s[c.rows]) for c in run.cycles.used]))
+        reach = 100.0 / fso * trend.reach * half_s
+        loops_figures |= {k: with_reach(f, reach) for k, f in loops_figures.items() if "hysteresis" in k}
     if calibration is not None:  # else the full scale is of the same samples, and in their bootstrap already
         loops_figures = {name: with_full_scale(f, figures["fso_mv"]) for name, f in loops_figures.items()}
-    figures = loops_figures | figures
-    chosen = "sensor_hysteresis_percent_fso" if calibration is not None else "system_hysteresis_percent_fso"
-    figures["combined_error_percent_fso"] = combined_error(
-        [figures[name] for name in ("nonlinearity_percent_fso", chosen, "repeatability_percent_fso")]
-    )
-    return figures, system, own
+    return loops_figures | figures, system, own
+
+
+def _over_cycles(run: SegmentedRun, sensor: int, figures: Mapping[str, Figure]) -> dict[str, Figure]:
+    """Return the figures over cycles, of the run with its drift, and the combined error; `figures` are the others."""
+    fso = figures["fso_mv"]
+    found = repeatability(run.loops, sensor, fso.value, run.weights, figures["noise_mv"].value)
+    found["drift_percent_fso_per_100_cycles"] = drift(run.loops, sensor, fso.value)
+    calibrated = "sensitivity_mv_per_mm" in figures
+    if calibrated:  # else the full scale is of the same samples, and in their bootstrap already
+        found = {name: with_full_scale(f, fso) for name, f in found.items()}
+    loop = "sensor_hysteresis_percent_fso" if calibrated else "system_hysteresis_percent_fso"
+    parts = [figures["nonlinearity_percent_fso"], figures[loop], found["repeatability_percent_fso"]]
+    return found | {"combined_error_percent_fso": combined_error(parts)}
 
 
 def _usable(run: SegmentedRun, sensor: int, figures: Mapping[str, Figure]) -> dict[str, Figure]:
@@ -323,7 +406,7 @@ def _usable(run: SegmentedRun, sensor: int, figures: Mapping[str, Figure]) -> di
 def with_curve(run: AnalysedRun, sensor: int, degree: Degree) -> AnalysedRun:
     """Return the run with another curve of a sensor, and the figures of the one before; may raise DataError."""
     run, before = replace(run, options=replace(run.options, degree=degree)), run.sensors[sensor]
-    calibration = _calibrate(run, sensor, before.point_plateau.astype(np.int64))
+    calibration = _calibrate(run.without(run.trend(sensor), sensor), sensor, before.point_plateau.astype(np.int64))
     changed = replace(before, calibration=calibration, joint_loop=_joint_loop(calibration.adequacy))
     return replace(run, sensors=(*run.sensors[:sensor], changed, *run.sensors[sensor + 1 :]))
 
@@ -438,7 +521,12 @@ def _loop_figures(
     """Return the figures that rest on loops; `widths` are of the loops over pressure and over elongation."""
     loops, (system, own) = run.loops, widths
     definition = "max over {} of |loading - unloading| / FSO, mean loop"
-    figures = {"system_hysteresis_percent_fso": hysteresis(system, fso, loops.n_cycles, definition.format("p"))}
+    over_pressure = hysteresis(system, fso, loops.n_cycles, definition.format("p"))
+    figures = {
+        "system_hysteresis_percent_fso": with_what_lies_between(
+            over_pressure, loops.level_kpa, loops.signal_mv[sensor], fso
+        )
+    }
     if own is not None and loops.elongation_mm is not None:
         found = hysteresis(own, fso, loops.n_cycles, definition.format("x"))
         per_mm = _percent_per_mm(calibration, loops.elongation_mm)
@@ -456,8 +544,6 @@ def _loop_figures(
     for name in [name for name in figures if "hysteresis" in name]:
         figures[name] = limited(figures[name], 100.0 / fso * by_noise if fso > 0 else 0.0, "noise")
     figures["nonlinearity_percent_fso"] = pressure_nonlinearity(loops, sensor, fso, run.weights)
-    figures |= repeatability(loops, sensor, fso, run.weights)
-    figures["drift_percent_fso_per_100_cycles"] = drift(loops, sensor, fso)
     return figures
 
 

@@ -10,7 +10,7 @@ and is not zero. The expanded uncertainty uses k = 2, with a statement of its tr
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from analysis.calibration.fit import Calibration
 from analysis.calibration.inverse import raise_without_inverse
 from analysis.calibration.type_b import Traceability, TypeBContribution, not_assessed, traceability
 from analysis.figures.figure import Figure
+from analysis.figures.noise_figures import noise_course
 from analysis.figures.sensor_analysis import AnalysedRun, with_curve
 from analysis.json_object import json_object
 from analysis.numbers import percent
@@ -131,6 +132,8 @@ def combine(components: Sequence[Component], traced: Traceability | None = None)
 class SignalParts:
     """Standard uncertainties of a signal, mV, each without the others; `half_loop` at equally spaced x.
 
+    `course` is that of the noise at equally spaced x, relative to its rms, ones where it is the same everywhere.
+
     What was not assessed is NaN, and `void` says why U is then not known. A drift that two cycles cannot show is NaN
     too: what they differ by is in the repeatability.
     """
@@ -144,16 +147,33 @@ class SignalParts:
     noise_dof: float
     repeatability_dof: float
     void: str = ""
+    settling: float = 0.0
+    course: FloatArray = field(default_factory=lambda: np.ones(1))
 
     @property
     def independent(self) -> float:
-        """What differs from sample to sample."""
+        """What differs from sample to sample, its rms over the range."""
         return float(np.sqrt(self.noise**2 + self.resolution**2 + self.ambient**2))
 
     @property
+    def independent_over_x(self) -> float | list[float] | None:
+        """The same at equally spaced x where the noise changes over them; None where it was not assessed."""
+        if not np.isfinite(self.independent):
+            return None
+        if not np.ptp(self.course) > 0.0:
+            return self.independent
+        over_x: list[float] = np.sqrt((self.noise * self.course) ** 2 + self.resolution**2 + self.ambient**2).tolist()
+        return over_x
+
+    def noise_at(self, share: float) -> float:
+        """Return the noise at a share of the range."""
+        return self.noise * float(np.interp(share, np.linspace(0.0, 1.0, self.course.size), self.course))
+
+    @property
     def between_cycles(self) -> float:
-        """What differs from cycle to cycle."""
-        return float(np.hypot(self.repeatability, self.drift if np.isfinite(self.drift) else 0.0))
+        """What differs from cycle to cycle, and from the dwell to rest."""
+        drift = self.drift if np.isfinite(self.drift) else 0.0
+        return float(np.sqrt(self.repeatability**2 + drift**2 + self.settling**2))
 
     @property
     def shared(self) -> float:
@@ -182,6 +202,8 @@ def signal_parts(analysis: AnalysedRun, sensor: int) -> SignalParts:
         ambient=ambient,
         repeatability=together.repeatability(repeatability, ramp),
         drift=float(drift),
+        settling=analysis.sensors[sensor].settling.u_mv,
+        course=_noise_course(analysis, sensor),
         half_loop=half_loop,
         noise_dof=float(max(analysis.recording.n // 10, 1)),
         repeatability_dof=together.dof(repeatability, ramp),
@@ -305,6 +327,8 @@ class BudgetOfSensor:
         """Return the budget of an elongation of `x_mm`."""
         calibration, parts = self.calibration, self.parts
         per_mv = 1.0 / abs(float(calibration.slope(x_mm)))
+        low, high = calibration.x_range
+        share = (x_mm - low) / (high - low)
         cycles, no_counts = f"{self.cycles} cycles", "not assessed: the recording has no counts"
         of_counts = (parts.resolution, parts.ambient) if self.counted else (float("nan"), float("nan"))
         between = Component("reproducibility", float("nan"), source="not assessed: one run")
@@ -317,12 +341,14 @@ class BudgetOfSensor:
         fit_dof = calibration.joint.effective_dof if calibration.joint is not None else calibration.dof
         components = [
             Component("reading", by_reading, per_mv, source="grid, the same in every cycle"),
-            _of_run("noise", parts.noise, per_mv, parts.noise_dof, "within plateaus"),
+            _of_run("noise", parts.noise_at(share), per_mv, parts.noise_dof, "within plateaus"),
             _of_run("repeatability", parts.repeatability, per_mv, parts.repeatability_dof, cycles),
             between,
             _of_run(
                 "zero drift", parts.drift, per_mv, source=f"drift over {cycles}", void="the repeatability holds it"
             ),
+            *([Component("settling", parts.settling, per_mv, source="what the holds are still to move by")]
+              if parts.settling > 0.0 else []),
             Component("resolution", of_counts[0], per_mv, source="ADC step" if self.counted else no_counts),
             Component("ambient residual", of_counts[1], per_mv,
                       source="signal against dark" if self.counted else no_counts),
@@ -398,6 +424,15 @@ def _half_loop(analysis: AnalysedRun, sensor: int) -> tuple[FloatArray, str]:
     if not np.mean(squares) > KNOWN_COURSE * np.mean(by_reading):
         own = np.mean(own, keepdims=True)
     return np.asarray(np.sqrt(np.maximum(own, 0.0))), ""
+
+
+def _noise_course(analysis: AnalysedRun, sensor: int) -> FloatArray:
+    calibration, number = analysis.sensors[sensor].calibration, analysis.sensors[sensor].point_plateau
+    if calibration is None or not number.size:
+        return np.ones(1)
+    points = [analysis.plateaus[int(i)] for i in number]
+    variance = np.asarray([p.signal_sd_mv[sensor] ** 2 for p in points])
+    return noise_course(calibration.x, variance, np.linspace(*calibration.x_range, _CURVE_POINTS))
 
 
 def _resolution(analysis: AnalysedRun) -> float:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.calibration.adequacy import REFUSED_PERCENT, Adequacy, CurveVerdict
+from analysis.calibration.adequacy import NOTICED_PERCENT, REFUSED_PERCENT, Adequacy, CurveVerdict
 from analysis.calibration.checks import calibration_warnings
 from analysis.figures.figure import Reason
 from analysis.figures.reading_check import CheckedReading, ReadingFault
@@ -157,6 +157,8 @@ def _sensor_warnings(sensor: SensorAnalysis, run: SegmentedRun) -> list[Warning]
         *_signal_texts(run, run.recording.sensor_names.index(sensor.name)),
         *_figure_texts(sensor),
     ]
+    if text := _settling_text(sensor):
+        found.append((WarningCode.NOT_SETTLED, text))
     found += [(WarningCode.INFLUENCE, influence_text(each)) for each in sensor.influences if each.matters]
     if sensor.calibration is None and run.plateaus:
         found.append((WarningCode.NO_CALIBRATION, sensor.calibration_void))
@@ -191,6 +193,19 @@ def influence_text(found: ChannelInfluence) -> str:
         span = f"{found.low:.4g} to {found.high:.4g} {as_text(found.unit)}".rstrip()
         text += f", {found.effect_percent_fso:.1f} % FSO over {span}"
     return f"{text}; it changed steadily with time, so this may be drift" if found.like_drift else text
+
+
+def _settling_text(sensor: SensorAnalysis) -> str:
+    """Return what holds that are not settled mean for the figures, or ""; less than can be noticed is in them alone."""
+    settling, fso = sensor.settling, sensor.figures["fso_mv"].value
+    share = settling.most_mv / fso if fso > 0 else float("nan")
+    if settling.settled or share < NOTICED_PERCENT / 100.0:
+        return ""
+    return (
+        f"the holds are not settled: after {settling.held_s:.2g} s the signal is still to move by up to "
+        f"{percent(share, 2)} of the full scale; figures are at {settling.held_s:.2g} s, and their intervals hold "
+        "those at rest; hold longer"
+    )
 
 
 def _figure_texts(sensor: SensorAnalysis) -> Iterator[tuple[WarningCode, str]]:

@@ -68,7 +68,7 @@ def _table(analysis: Analysis, camera: CameraFigures) -> ReportTable:
         if one.calibration is not None:
             found = (
                 f"{one.sensitivity_mv_per_mm:.2f}",
-                f"{one.hysteresis_percent_fso:.2f}",
+                NOTHING if one.hysteresis_void else f"{one.hysteresis_percent_fso:.2f}",
                 f"{one.r2:.5f}",
                 with_uncertainty(one.dynamic_mv_per_mm_per_s, one.u_dynamic),
                 rounded(one.apart_percent_fso, 0.05),

@@ -6,27 +6,29 @@ has are compared.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
 
 from analysis.segmentation.loops import Loops
+from analysis.segmentation.serial_correlation import Dependence
 
 
 @dataclass(frozen=True, slots=True)
 class CycleEffect:
     """What the plateaus of a cycle differ by together from those of other cycles; `places` is how many each cycle has.
 
-    `mean_variance` is of the means of the cycles, mV^2. The effect moved the curve too: the error of a mean over n
-    cycles adds 1/n of its variance. Analysis of variance (S. R. Searle, G. Casella, C. E. McCulloch, Variance
-    Components, 1992, 3.6); degrees of freedom of the sum by Welch and Satterthwaite.
+    `mean_variance` is of the means of the cycles, mV^2, `dependence` of their order. The effect moved the curve too:
+    the error of a mean over n cycles adds 1/n of its variance. Analysis of variance (S. R. Searle, G. Casella, C. E.
+    McCulloch, Variance Components, 1992, 3.6); degrees of freedom of the sum by Welch and Satterthwaite.
     """
 
     cycles: int
     places: int
     mean_variance: float
     own_variance: float
+    dependence: Dependence
 
     @classmethod
     def of(cls, loops: Loops, sensor: int) -> CycleEffect:
@@ -35,18 +37,20 @@ class CycleEffect:
         whole = np.isfinite(values).all(axis=1)
         cycles, places = loops.n_cycles, int(whole.sum())
         if cycles < 2 or places < 2:
-            return cls(cycles, places, 0.0, 0.0)
+            return cls(cycles, places, 0.0, 0.0, Dependence(max(cycles, 2), 1))
         away = values.transpose(1, 0, 2)[:, whole]
         away = away - away.mean(axis=0)
         means = away.mean(axis=1)
         own = float(((away - means[:, None]) ** 2).sum()) / ((cycles - 1) * (places - 1))
-        return cls(cycles, places, float(means @ means) / (cycles - 1), own)
+        beside_drift = replace(Dependence.of(means, 2), columns=1)
+        return cls(cycles, places, float(means @ means) / (cycles - 1), own, beside_drift)
 
     def _parts(self, repeatability: float, drift: float) -> tuple[float, float]:
         """Return the variances of what the cycles differ by together, with its error of the curve, and of the rest."""
         shared = self.mean_variance - self.own_variance / max(self.places, 1) - drift**2
         shared = min(max(shared, 0.0), repeatability**2)
-        return shared * (1.0 + 1.0 / max(self.cycles, 1)), repeatability**2 - shared
+        ahead = self.dependence.next_share if self.dependence.noticed else 1.0 + 1.0 / max(self.cycles, 1)
+        return shared * ahead, repeatability**2 - shared
 
     def repeatability(self, pooled: float, drift: float) -> float:
         """Return the repeatability of a reading in a further cycle, mV, of the pooled one without the drift."""
@@ -55,8 +59,8 @@ class CycleEffect:
     def dof(self, pooled: float, drift: float) -> float:
         """Return the degrees of freedom of `repeatability`."""
         of_cycles, of_plateaus = self._parts(pooled, drift)
-        rows = max(self.cycles - 1, 1)
-        rest = float(rows * max(self.places - 1, 1))
+        rows = self.dependence.dof if self.dependence.noticed else max(self.cycles - 1, 1)
+        rest = float(max(self.cycles - 1, 1) * max(self.places - 1, 1))
         small = of_cycles**2 / rows + of_plateaus**2 / rest
         return (of_cycles + of_plateaus) ** 2 / small if small > 0.0 else rest
 
@@ -72,4 +76,6 @@ class CycleEffect:
         """Return the 95 % interval of a pooled sd over the cycles: that of a normal sample of as many degrees."""
         dof = self.dof(pooled, 0.0)
         low, high = (float(np.sqrt(dof / stats.chi2.ppf(share, dof))) for share in (0.975, 0.025))
-        return pooled * low, pooled * high
+        of_cycles, rest = self._parts(pooled, 0.0)  # cycles that depend on one another scatter less than they may
+        more = (of_cycles / self.dependence.variance_share + rest) / max(of_cycles + rest, np.finfo(float).tiny)
+        return pooled * low, pooled * high * float(np.sqrt(more))

@@ -7,7 +7,7 @@ their own points, never extrapolated. A damaged plateau or cycle leaves NaN, and
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -43,6 +43,7 @@ class Loops:
     ends_kpa : lowest and highest pressure that the cycles reach.
     binned : the levels are bins of a continuous run.
     one_branch : why a cycle has no loop, "" where both its branches were driven, of each cycle; empty if all were.
+    samples : [sensors, 2, cycles, levels] number of samples of each bin of a continuous run; empty for a staircase.
     """
 
     level_kpa: FloatArray
@@ -55,11 +56,20 @@ class Loops:
     ends_kpa: tuple[float, float]
     binned: bool
     one_branch: tuple[str, ...] = ()
+    samples: FloatArray = field(default_factory=lambda: np.empty((0, 2, 0, 0)))
 
     @property
     def n_cycles(self) -> int:
         """Number of cycles."""
         return len(self.numbers)
+
+    def noise_share(self, sensor: int) -> FloatArray:
+        """[2, levels] part of the variance of one sample that is in that of a value; zeros for a staircase."""
+        if not self.samples.size:
+            return np.zeros(self.own.shape[::2])
+        count = np.where(self.own & (self.samples[sensor] > 0), self.samples[sensor], np.nan)
+        known = np.isfinite(count)
+        return np.asarray(np.nansum(1.0 / count, axis=1) / np.maximum(known.sum(axis=1), 1))
 
 
 def staircase_loops(
@@ -113,7 +123,7 @@ def _not_held(unloading: int, loading: int) -> str:
     return f"only the {which} branch was driven: {held}"
 
 
-def _not_passed(unloading: int, loading: int) -> str:
+def branch_not_passed(unloading: int, loading: int) -> str:
     """Return which branch a continuous cycle did not drive, from the number of samples of each inside the range."""
     most, least = max(unloading, loading), min(unloading, loading)
     if least >= MIN_BINS * MIN_PER_BIN and most <= LIKE_SPEED * least:
@@ -154,17 +164,42 @@ def continuous_loops(recording: Recording, cycles: Cycles) -> Loops:
         for b, rows in enumerate((cycle.unloading, cycle.loading)):
             inside = np.clip(bin_of[rows], 0, bins - 1)
             cell[rows] = (b * len(used) + k) * bins + inside
-    pressure = _bin_means(cell, smooth, recording.pressure_usable, shape)
-    signal = np.stack(
-        [_bin_means(cell, recording.signal_mv[:, s], recording.usable[:, s], shape) for s in range(recording.n_sensors)]
-    )
+    pressure, _ = _bin_means(cell, smooth, recording.pressure_usable, shape)
+    signal, samples = np.moveaxis(
+        np.stack([_bin_means(cell, recording.signal_mv[:, s], recording.usable[:, s], shape)
+                  for s in range(recording.n_sensors)]), 1, 0
+    )  # fmt: skip
     signal[np.broadcast_to(~np.asarray(whole).T[:, None, :, None], signal.shape)] = np.nan
+    pressure, signal = _at_common_pressure(pressure, signal)
     centres = low + (np.arange(bins) + 0.5) * (high - low) / bins
     margin = ENDS_SHARE * (high - low)
     between = (smooth > low + margin) & (smooth < high - margin)
-    one_branch = tuple(_not_passed(int(between[c.unloading].sum()), int(between[c.loading].sum())) for c in used)
+    one_branch = tuple(branch_not_passed(int(between[c.unloading].sum()), int(between[c.loading].sum())) for c in used)
     own = np.isfinite(pressure)
-    return Loops(centres, pressure, None, signal, own, numbers, tuple(void), (low, high), True, one_branch)
+    return Loops(centres, pressure, None, signal, own, numbers, tuple(void), (low, high), True, one_branch, samples)
+
+
+def _at_common_pressure(pressure: FloatArray, signal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return bins of all cycles at their mean pressures, the signals moved along their branch.
+
+    A sample more or less at the edge of a bin moves the bin's mean pressure, which is no scatter of the signal.
+    """
+    mean = _mean_over_cycles(pressure)
+    away, moved = pressure - mean[:, None], signal.copy()
+    for b in range(2):
+        for sensor in range(signal.shape[0]):
+            branch = _mean_over_cycles(signal[sensor])[b]
+            known = np.isfinite(branch) & np.isfinite(mean[b])
+            if known.sum() > 1:
+                moved[sensor, b][:, known] -= np.gradient(branch[known], mean[b, known]) * away[b][:, known]
+    return np.where(np.isfinite(pressure), mean[:, None], np.nan), moved
+
+
+def _mean_over_cycles(values: FloatArray) -> FloatArray:
+    """Mean over the cycles [2, cycles, levels] -> [2, levels], NaN left out."""
+    known = np.isfinite(values)
+    count = known.sum(axis=1)
+    return np.asarray(np.where(known, values, 0.0).sum(axis=1) / np.where(count > 0, count, np.nan))
 
 
 def cluster_levels(pressure_kpa: FloatArray, apart_kpa: float = 2.0) -> tuple[FloatArray, npt.NDArray[np.int64]]:
@@ -261,27 +296,34 @@ def _shared_grid(abscissa: FloatArray, known: BoolArray) -> FloatArray:
     return points if points.size <= 2000 else np.linspace(points[0], points[-1], 2000)
 
 
-def end_levels(loops: Loops, sensor: int, weights: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+def end_levels(loops: Loops, sensor: int, weights: FloatArray | None = None) -> tuple[FloatArray, FloatArray, float]:
     """Return the signal at the lowest and at the highest pressure, mV, of each row of cycle weights [rows, cycles].
 
     Means over branches and cycles. If `ends_kpa` lie beyond the outermost levels (half a bin, in a continuous run) the
-    line through the two outermost levels is followed to them.
+    parabola through the three outermost levels is followed to them; the third value is the distance, mV, of the span
+    from that by straight lines.
     """
     known = np.isfinite(loops.signal_mv[sensor]).any(axis=(0, 1)) if loops.n_cycles else np.zeros(0, bool)
     rows = 1 if weights is None else weights.shape[0]
     if known.sum() < 2:
-        return np.full(rows, np.nan), np.full(rows, np.nan)
+        return np.full(rows, np.nan), np.full(rows, np.nan), float("nan")
     weights = np.ones((1, loops.n_cycles)) if weights is None else weights
     by_cycle, p_by_cycle = (
         branch_mean(a[:, :, known]) for a in (loops.signal_mv[sensor], loops.pressure_kpa)
     )  # [cycles, levels]
     signal, pressure = _weighted_mean(by_cycle, weights), _weighted_mean(p_by_cycle, weights)
-    ends = []
-    for first, second, end in ((0, 1, loops.ends_kpa[0]), (-1, -2, loops.ends_kpa[1])):
-        slope = (signal[:, first] - signal[:, second]) / (pressure[:, first] - pressure[:, second])
-        beyond = end - pressure[:, first]
-        ends.append(signal[:, first] + slope * beyond * loops.binned)
-    return ends[0], ends[1]
+    ends, bent = [], []
+    for step, end in ((1, loops.ends_kpa[0]), (-1, loops.ends_kpa[1])):
+        first = 0 if step > 0 else -1
+        slope = (signal[:, first] - signal[:, first + step]) / (pressure[:, first] - pressure[:, first + step])
+        beyond, bend = (end - pressure[:, first]) * loops.binned, np.zeros(rows)
+        if loops.binned and known.sum() > 2:
+            y, p = signal[:, first + 2 * step], pressure[:, first + 2 * step]
+            steeper = slope - (signal[:, first + step] - y) / (pressure[:, first + step] - p)
+            bend = steeper / (pressure[:, first] - p) * beyond * (end - pressure[:, first + step])
+        ends.append(signal[:, first] + slope * beyond + bend)
+        bent.append(float(np.mean(bend)))
+    return ends[0], ends[1], abs(bent[0]) + abs(bent[1])
 
 
 def branch_mean(values: FloatArray) -> FloatArray:
@@ -300,7 +342,8 @@ def _weighted_mean(values: FloatArray, weights: FloatArray) -> FloatArray:
 
 def _bin_means(
     cell: npt.NDArray[np.int64], values: FloatArray, usable: BoolArray, shape: tuple[int, int, int]
-) -> FloatArray:
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean and number of the usable values of each cell, [2, cycles, levels]; NaN of too few."""
     size = int(np.prod(shape))
     inside = (cell >= 0) & usable & np.isfinite(values)
     counts = np.bincount(cell[inside], minlength=size)
@@ -308,4 +351,4 @@ def _bin_means(
     means = np.full(size, np.nan)
     enough = counts >= MIN_PER_BIN
     means[enough] = sums[enough] / counts[enough]
-    return means.reshape(shape)
+    return means.reshape(shape), counts.reshape(shape).astype(np.float64)

@@ -22,6 +22,7 @@ from analysis.calibration.type_b import SCALE, Distribution, TypeBContribution
 from analysis.data.recording import Recording
 from analysis.json_object import json_object
 from analysis.segmentation.cycles import Cycle
+from analysis.segmentation.loops import ENDS_SHARE, branch_not_passed
 from analysis.segmentation.plateau_readings import Elongations
 from analysis.segmentation.plateaus import Plateau
 from analysis.tracking.run import Filmed, plateau_means
@@ -52,6 +53,7 @@ class ContinuousCalibration:
     sensitivity_mv_per_mm: float = math.nan
     hysteresis_percent_fso: float = math.nan
     per_cycle: tuple[float, ...] = ()
+    hysteresis_void: str = ""  # why no cycle has a loop
     samples: int = 0
     # dynamic_mv_per_mm_per_s, u_dynamic: change of the signal with speed, and its standard uncertainty
     dynamic_mv_per_mm_per_s: float = math.nan
@@ -71,7 +73,7 @@ class ContinuousCalibration:
                 "mean": self.hysteresis_percent_fso,
                 "per_cycle": list(self.per_cycle),
             },
-            **json_object(self, "dynamic_mv_per_mm_per_s", "u_dynamic_mv_per_mm_per_s=u_dynamic"),
+            **json_object(self, "hysteresis_void", "dynamic_mv_per_mm_per_s", "u_dynamic_mv_per_mm_per_s=u_dynamic"),
             "from_plateaus_percent_fso": self.apart_percent_fso,
             "loop": json_object(self, "elongation_mm=loop_mm", "signal_mv=loop_mv"),
             "by_speed": [dict(zip(_BY_SPEED, row, strict=True)) for row in self.by_speed.tolist()],
@@ -174,6 +176,10 @@ def _continuous(
     for k, cycle in enumerate(cycles):
         for b, rows in enumerate((cycle.unloading, cycle.loading)):
             abscissa[b, k], ordinate[b, k] = _bin_means(x[rows], y[rows], usable[rows], edges)
+    one_branch = [_one_branch(x, usable, cycle, edges) for cycle in cycles]
+    driven = np.asarray([not why for why in one_branch], dtype=bool)
+    if driven.any():  # else the curve is that of all cycles, without a loop
+        abscissa, ordinate = abscissa[:, driven], ordinate[:, driven]
     with np.errstate(invalid="ignore"):
         known = np.isfinite(ordinate).all(axis=0)
         at, middle = abscissa.mean(axis=0)[known], ordinate.mean(axis=0)[known]
@@ -185,8 +191,9 @@ def _continuous(
     fso = calibration.full_scale
     left = y[inside] - calibration.predict(x[inside])
     loop = _mean_loop(abscissa), _mean_loop(ordinate)
-    width_mv = _loop_width(*loop, calibration)
-    per_cycle_mv = [_loop_width(abscissa[:, k], ordinate[:, k], calibration) for k in range(len(cycles))]
+    width_mv = _loop_width(*loop, calibration) if driven.any() else math.nan
+    found = iter([_loop_width(abscissa[:, k], ordinate[:, k], calibration) for k in range(int(driven.sum()))])
+    per_cycle_mv = [next(found) if both else math.nan for both in driven]
     off = _off_branches(x, y, cycles, loop)[inside]
     slope, u_slope = _dynamic(off, speed[inside])
     apart = math.nan
@@ -201,6 +208,7 @@ def _continuous(
         fso / (calibration.x_range[1] - calibration.x_range[0]),
         100.0 * width_mv / fso,
         tuple(100.0 * width / fso for width in per_cycle_mv),
+        "" if driven.any() else one_branch[0],
         int(inside.sum()),
         slope,
         u_slope,
@@ -208,6 +216,13 @@ def _continuous(
         *loop,
         _by_speed(off, speed[inside]),
     )
+
+
+def _one_branch(x: FloatArray, usable: BoolArray, cycle: Cycle, edges: FloatArray) -> str:
+    """Return which branch a cycle did not drive, from its samples inside the range of x; "" if it drove both."""
+    margin = ENDS_SHARE * (edges[-1] - edges[0])
+    between = usable & (x > edges[0] + margin) & (x < edges[-1] - margin)
+    return branch_not_passed(int(between[cycle.unloading].sum()), int(between[cycle.loading].sum()))
 
 
 def _bin_means(x: FloatArray, y: FloatArray, usable: BoolArray, edges: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -74,7 +74,7 @@ def _rows(found: Analysis, sensors: Sequence[ContinuousCalibration]) -> tuple[Ro
     beside = "second line: by the plateaus"
 
     def row(name: str, unit: str, tip: str, values: Sequence[str], second: Sequence[str] = ()) -> Row:
-        cells = (one.void or tip for one in sensors)
+        cells = (one.void or ("hysteresis" in name and one.hysteresis_void) or tip for one in sensors)
         texts = (f"{a}\n{b}" if b else a for a, b in zip(values, second or [""] * len(values), strict=True))
         return ((f"{name}\n{unit}", tip), *zip(texts, cells, strict=True))
 

@@ -261,7 +261,8 @@ def a_run(**sensor: object) -> SimpleNamespace:
     percent = {"repeatability_percent_fso": 0.5, "drift_percent_fso_per_100_cycles": -2.0}
     figures = {"fso_mv": Figure(250.0, "mV", 4), "noise_mv": Figure(1.5, "mV", 4)}
     figures |= {key: Figure(value, "% FSO", 4) for key, value in percent.items()}
-    parts = {"calibration": None, "sensor_loop": None, "joint_loop": None, "figures": figures, **sensor}
+    parts = {"calibration": None, "sensor_loop": None, "joint_loop": None, "figures": figures}
+    parts |= {"settling": SimpleNamespace(u_mv=0.0), "point_plateau": np.empty(0), **sensor}
     return SimpleNamespace(
         sensors=[SimpleNamespace(**parts)],
         loops=loops_of(np.zeros((4, 36))),

@@ -9,6 +9,7 @@ from protocol.base.arrays import FloatArray
 
 _MAD_TO_SD = 1.482602218505602  # 1 / Phi^-1(3/4): median absolute deviation of a normal variable to its sd
 _BETWEEN = 21  # points between two levels
+_ALIKE = 0.02  # of the range of levels: nearer ones are one
 BATCHES = 16  # of draws; the sd over so many is known to 18 %
 PERCENTILES = (2.5, 97.5)
 """Of the resamples, which a 95 % interval rests on."""
@@ -127,6 +128,9 @@ def bound_between(level: FloatArray, apart: FloatArray) -> float:
     known = np.isfinite(apart)
     order = np.argsort(level[known], kind="stable")
     x, y = level[known][order], apart[known][order]
+    if x.size:
+        alike = np.concatenate([[0], np.cumsum(np.diff(x) > _ALIKE * np.ptp(x))])
+        x, y = (np.bincount(alike, each) / np.bincount(alike) for each in (x, y))
     if x.size < 3:
         return float(np.abs(y).max(initial=0.0))
     y = y if y[np.argmax(np.abs(y))] > 0 else -y

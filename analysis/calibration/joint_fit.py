@@ -425,7 +425,7 @@ class LoopEstimate:
     width: float
     low: float
     high: float
-    at_levels: float = 0.0
+    at_levels: float = float("inf")
     between: float = 0.0
 
 

@@ -26,7 +26,7 @@ WARM_UP_PERCENT = 0.1
 """Of full-scale output: a fiftieth of the published hysteresis, below what any reader of a report acts upon."""
 LEAST_LATER = 2
 """Cycles in the second half: one has no scatter to compare with."""
-LEAST_FOR_TREND = 3
+_LEAST_FOR_TREND = 3
 _DRAWS = 2_000
 """Of simulated cycles: their mean maximum is then known to a fortieth of its scatter."""
 POOLED = "pooled sd over cycles of all levels / FSO"
@@ -110,7 +110,7 @@ class Trend:
     def of(cls, loops: Loops, sensor: int, time_s: FloatArray) -> Trend:
         """Fit the means of the cycles, at times [cycles]; Student's t, widened if cycles depend on one another."""
         means = cycle_means(loops, sensor)
-        if means.size < LEAST_FOR_TREND or not np.ptp(time_s) > 0:
+        if means.size < _LEAST_FOR_TREND or not np.ptp(time_s) > 0:
             return cls()
         away = time_s - time_s.mean()
         spread = float(away @ away)

@@ -76,7 +76,7 @@ OF_POINTS = (  # figures of the calibration's points; the others are those of th
 )  # fmt: skip
 
 
-LACK_OF_FIT = "lack_of_fit_percent_fso"  # a verdict on the curve, at the dwell or at rest
+_LACK_OF_FIT = "lack_of_fit_percent_fso"  # a verdict on the curve, at the dwell or at rest
 ACTUATOR_DEGREE, ACTUATOR_LOOP_TERMS = 3, 4
 MOST_RESAMPLES = 200_000
 """More take gigabytes, and change no digit that is printed."""
@@ -329,7 +329,7 @@ def _with_rest(run: SegmentedRun, sensor: int, figures: dict[str, Figure], settl
         calibration = _calibrate(at_rest, sensor, points)
     rest = _drawn(at_rest, sensor, calibration, points, Trend())[0]
     held = settling.held_s
-    return {k: f if k == LACK_OF_FIT else unsettled(f, rest.get(k, f), held) for k, f in figures.items()}
+    return {k: f if k == _LACK_OF_FIT else unsettled(f, rest.get(k, f), held) for k, f in figures.items()}
 
 
 def _sampled(

@@ -347,8 +347,9 @@ class BudgetOfSensor:
             _of_run(
                 "zero drift", parts.drift, per_mv, source=f"drift over {cycles}", void="the repeatability holds it"
             ),
-            *([Component("settling", parts.settling, per_mv, source="what the holds are still to move by")]
-              if parts.settling > 0.0 else []),
+            Component("settling", parts.settling, per_mv, source=(
+                "what the holds are still to move by" if parts.settling > 0.0 else "the holds are settled"
+            )),
             Component("resolution", of_counts[0], per_mv, source="ADC step" if self.counted else no_counts),
             Component("ambient residual", of_counts[1], per_mv,
                       source="signal against dark" if self.counted else no_counts),

@@ -6,7 +6,7 @@ has are compared.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import stats
@@ -28,7 +28,7 @@ class CycleEffect:
     places: int
     mean_variance: float
     own_variance: float
-    dependence: Dependence
+    dependence: Dependence = field(default_factory=lambda: Dependence(2, 1))
 
     @classmethod
     def of(cls, loops: Loops, sensor: int) -> CycleEffect:

@@ -14,7 +14,7 @@ from scipy import stats
 
 from protocol.base.arrays import FloatArray
 
-FEWEST = 4
+_FEWEST = 4
 _RHO = np.asarray([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 0.999])
 _NOTICED = 0.71  # of twice the gain in log-likelihood: 20 % one-sided, half of chi-square's being zero
 _ONE_SD = 0.5  # of the log-likelihood
@@ -32,7 +32,7 @@ class Dependence:
     def of(cls, values: FloatArray, columns: int) -> Dependence:
         """Test values in their order."""
         n, design = values.size, _design(values.size, columns)
-        if n < max(FEWEST, columns + 2) or not float(np.ptp(values)) > 0.0:
+        if n < max(_FEWEST, columns + 2) or not float(np.ptp(values)) > 0.0:
             return cls(n, columns)
         likelihood = np.asarray([_restricted(values, design, float(rho)) for rho in _RHO])
         best = float(likelihood.max())

@@ -20,7 +20,7 @@ from analysis.json_object import json_object
 from analysis.segmentation.plateaus import Plateau
 from protocol.base.arrays import FloatArray, IntArray
 
-BY_CHANCE = 1e-3  # of such trends in settled holds
+_BY_CHANCE = 1e-3  # of such trends in settled holds
 _PARTS = 4  # of a hold
 _TIMES = (0.2, 10.0, 24)  # time constants tried, in lengths of a hold, and their number
 _ITERATIONS, _MOST_CREEP = 3, 0.5
@@ -43,7 +43,7 @@ class Settling:
     @property
     def settled(self) -> bool:
         """Whether the holds move by no more than noise."""
-        return not self.p_value < BY_CHANCE
+        return not self.p_value < _BY_CHANCE
 
     @property
     def most_mv(self) -> float:
@@ -86,14 +86,14 @@ def settling_of(
     tries = float(np.log2(taus[-1] / taus[0]))  # those that differ by a factor of two count as tries of their own
     trend, other = _other_trend(time_s, signal - gamma * shape, labels)
     p_value = float(np.nanmin([1.0, 2.0 * by_creep * tries, 2.0 * other]))
-    if not p_value < BY_CHANCE:
+    if not p_value < _BY_CHANCE:
         return Settling(p_value, held_s, none)
-    if 2.0 * other < BY_CHANCE:
+    if 2.0 * other < _BY_CHANCE:
         none[holds] += trend * length
     noise = left[at] / max(signal.size - holds.size - 2, 1)
     likely = np.flatnonzero(left - left[at] < _WITHIN * noise)
     slowest = int(likely[-1])
-    if 2.0 * by_creep * tries < BY_CHANCE:
+    if 2.0 * by_creep * tries < _BY_CHANCE:
         gamma, _, _, lag = tried[slowest]
         none += np.where(np.isfinite(lag), _MARGIN * gamma * lag, 0.0)
     return Settling(p_value, held_s, none, float(taus[at]))

@@ -181,9 +181,9 @@ def test_a_run_that_changed_is_never_pooled() -> None:
     assert level["difference_low"] < 5.0 < level["difference_high"]
     assert [len(part["cycles"]) for part in output["parts"]] == [len(found["before"]), len(found["after"])]
     alone = analyse(Plant(seed=1).run(*triangle(9, 4.0)), options=Options(mcmc=False))
-    own = analysis.sensors[0].figures["repeatability_percent_fso"]
-    assert own.value == pytest.approx(alone.sensors[0].figures["repeatability_percent_fso"].value, rel=0.1)
-    assert output["parts"][1]["sensors"][0]["figures"]["repeatability_percent_fso"]["value"] == own.value
+    own = analysis.sensors[0].figures["system_hysteresis_percent_fso"]
+    assert own.value == pytest.approx(alone.sensors[0].figures["system_hysteresis_percent_fso"].value, rel=0.1)
+    assert output["parts"][1]["sensors"][0]["figures"]["system_hysteresis_percent_fso"]["value"] == own.value
     assert any(flag["code"] == "differs_over_break" for flag in output["flags"])
     titles = [section.title for section in build_report([analysis]).sections]
     assert "Before and after the break" in titles

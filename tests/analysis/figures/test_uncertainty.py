@@ -92,7 +92,7 @@ def test_every_component_is_named_and_sourced(tmp_path: Path) -> None:
     analysis = analyse(stairs.recording(), tmp_path / "grid.csv", options=Options(mcmc=False))
     budget = elongation_budget(analysis, 0.5)[0]
     assert {c.name for c in budget.components} == {
-        "reading", "noise", "repeatability", "reproducibility", "hysteresis", "zero drift", "resolution",
+        "reading", "noise", "repeatability", "reproducibility", "hysteresis", "zero drift", "settling", "resolution",
         "ambient residual", "fit", "lack of fit", "scale of grid or photograph", "parallax", "pressure gauge",
         "temperature",
     }  # fmt: skip

@@ -131,7 +131,7 @@ class SimulatedRun:
                 float(x[inside].mean()), rng, resolution_mm=self.resolution_mm, reader_sd_mm=READER_SD_MM
             )
             readings.append({"id": len(readings) + 1, "step": mark.number, "elongation_mm": seen,
-                             "resolution_mm": self.resolution_mm, "source": SIMULATED_SOURCE})  # fmt: skip
+                             "resolution_mm": self.resolution_mm, "source": SIMULATED_SOURCE, "note": ""})  # fmt: skip
         return Recording.from_arrays(
             time_us / 1e6, pressure, mv, lit=lit, dark=dark, steps=pd.DataFrame(steps, columns=list(STEP_COLUMNS)),
             readings=pd.DataFrame(readings), meta={"simulated": True, "vref_mv": VREF_MV, "adc_bits": ADC_BITS},

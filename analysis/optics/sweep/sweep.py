@@ -42,6 +42,8 @@ Item = tuple[FloatArray, slice]
 FILE_NAME = "sweep.sqlite"
 EVERY = slice(None)
 _RAYS_PER_ITEM = 60_000
+_POLL_S, _TRIES = 2.0, 5
+"""How often a cluster without results is asked for its workers; tries of a task whose workers died four at a time."""
 
 
 def paper_grid(cavities: Sequence[int] = (3, 5, 7), face: Face = "outer") -> list[Design]:
@@ -279,15 +281,36 @@ def _in_threads(common: Common, items: list[Item], threads: int) -> Iterator[tup
 
 
 def _on_cluster(common: Common, items: list[Item], address: str) -> Iterator[tuple[int, Results]]:
+    """Yield the results of a cluster, while it has a worker: what a lost one had is computed by another.
+
+    `common` goes with every task: data that is scattered is lost with the workers that hold it.
+    """
     library = importlib.import_module("distributed")
     with connect(address) as client:
-        if not client.scheduler_info()["workers"]:
+        if not client.nthreads():
             raise _cluster_lost(f"the Dask scheduler at {address} has no worker")
         futures: dict[Any, int] = {}
+        again = dict.fromkeys(range(len(items)), _TRIES)
         try:
-            shared = client.scatter(common, broadcast=True)
-            futures |= {client.submit(run_item, shared, *item, pure=False): i for i, item in enumerate(items)}
-            yield from ((futures[future], future.result()) for future in library.as_completed(list(futures)))
+            futures |= {client.submit(run_item, common, *item, pure=False): i for i, item in enumerate(items)}
+            while futures:
+                try:
+                    finished = library.wait(list(futures), timeout=_POLL_S, return_when="FIRST_COMPLETED").done
+                except TimeoutError:
+                    if not client.nthreads():
+                        raise
+                    continue
+                for future in finished:
+                    number = futures.pop(future)
+                    try:
+                        results = future.result()
+                    except library.KilledWorker:
+                        again[number] -= 1
+                        if not again[number]:
+                            raise
+                        futures[client.submit(run_item, common, *items[number], pure=False)] = number
+                        continue
+                    yield number, results
         except (TimeoutError, OSError, CancelledError, library.CancelledError, library.KilledWorker) as error:
             raise _cluster_lost(f"the Dask workers at {address} were lost") from error
         finally:

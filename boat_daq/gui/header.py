@@ -356,6 +356,15 @@ class Strip(QWidget):
         self.details.setVisible(self.messages.isChecked())
         self.details.setPlainText(self.notices.history_text())
 
+    def is_open(self) -> bool:
+        """Return whether the list of messages, or the details of one, is open."""
+        return not self.details.isHidden()
+
+    def close_details(self) -> None:
+        """Close the list of messages, or the details of one."""
+        self.messages.setChecked(False)
+        self.details.hide()
+
     def _open_file(self) -> None:
         if self._shown is not None and self._shown.saved is not None:
             open_path(self._shown.saved, self.notices)

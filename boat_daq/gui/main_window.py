@@ -16,7 +16,7 @@ from typing import Any
 
 from PySide6.QtCore import QByteArray, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QGuiApplication, QResizeEvent
-from PySide6.QtWidgets import QApplication, QMainWindow, QStackedWidget, QTabBar, QTableView, QWidget
+from PySide6.QtWidgets import QApplication, QDialog, QMainWindow, QStackedWidget, QTabBar, QTableView, QWidget
 
 from boat_daq.gui import style
 from boat_daq.gui.connect_panel import ConnectPanel
@@ -100,7 +100,7 @@ class MainWindow(QMainWindow):
         self.units_panel: UnitsPanel | None = None  # made where it is first shown
         self.outlets_panel: OutletsPanel | None = None
         self.window_keys = WindowKeys(
-            self, self.vent, model.windows.vent_all, self.escape, lambda: self.page is Page.MEASURE
+            self, self.vent, model.windows.vent_all, self.header, lambda: self.page is Page.MEASURE
         )
         application().focusWindowChanged.connect(self.window_keys.watch)
         application().focusChanged.connect(self.window_keys.follow_focus)
@@ -272,9 +272,20 @@ class MainWindow(QMainWindow):
         self.model.session.vent()
 
     def escape(self) -> None:
-        """Close the marker's field where it is open, else vent; Qt closes menus, lists and dialogs by itself."""
-        if self.page is Page.MEASURE and self.live.marker.isVisible():
+        """Close what is open, else give the focus back to the page; only with nothing open and the focus there, vent.
+
+        Qt closes a menu, a list or a dialog that has the keyboard by itself.
+        """
+        focus = QApplication.focusWidget()
+        dialogs = [dialog for dialog in self.findChildren(QDialog) if dialog.isVisible()]
+        if dialogs:
+            dialogs[-1].reject()
+        elif self.strip.is_open():
+            self.strip.close_details()
+        elif self.page is Page.MEASURE and self.live.marker.isVisible():
             self.live.close_marker()
+        elif focus is not None and not self.stack.isAncestorOf(focus):
+            focus.clearFocus()  # of the menu bar, too, which keeps the keyboard after its menu was closed
         else:
             self.vent()
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from PySide6.QtCore import QEvent, QObject, Qt, QTimer
+from PySide6.QtCore import QEvent, QObject, QPoint, QRect, Qt, QTimer
 from PySide6.QtGui import QAction, QKeyEvent, QKeySequence, QShortcut, QWindow
 from PySide6.QtWidgets import (
     QAbstractButton,
@@ -17,7 +17,6 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QMainWindow,
     QMenu,
-    QMenuBar,
     QPushButton,
     QWidget,
 )
@@ -29,6 +28,7 @@ ENTER = (Qt.Key.Key_Return, Qt.Key.Key_Enter)
 _MOVING = (
     Qt.Key.Key_Tab, Qt.Key.Key_Backtab, Qt.Key.Key_Left, Qt.Key.Key_Right, Qt.Key.Key_Up, Qt.Key.Key_Down
 )  # fmt: skip
+PLACED = (QEvent.Type.Move, QEvent.Type.Resize, QEvent.Type.Expose)  # of a window
 POINTED = (QEvent.Type.MouseButtonPress, QEvent.Type.TouchBegin)
 MENUS = ("Session", "Edit", "View", "Run", "Results", "Help")
 PAGES = "Pages"  # the commands that show one: they have keys, but no menu
@@ -119,10 +119,11 @@ class Registry:
 class WindowKeys(QObject):
     """Event filter of the program's windows, and where the focus may go.
 
-    F4 vents over everything, Shift+F4 all windows. Esc closes what is open: a menu, a list, a panel; with nothing open
-    it is a shortcut. Space freezes the plots where they are shown, whatever has the focus but a text field; elsewhere
-    it goes to the control with the focus. Enter presses a focused button. Undo and redo go to a field while it has
-    edits to undo, else to the window's history: the reading field has the focus for a whole run.
+    F4 vents over everything, Shift+F4 all windows, and no dialog covers the header, which has VENT. Esc closes a menu,
+    a list or a dialog that has the keyboard; elsewhere it is a command. Space freezes the plots where they are shown,
+    whatever has the focus but a text field; elsewhere it goes to the control with the focus. Enter presses a focused
+    button. Undo and redo go to a field while it has edits to undo, else to the window's history: the reading field has
+    the focus for a whole run.
 
     Where a control with the focus disappears, Qt gives the focus to the next one, and a window that is opened to its
     first: a key would press it. Here it then goes nowhere.
@@ -133,12 +134,12 @@ class WindowKeys(QObject):
         window: QWidget,
         vent: Callable[[], None],
         vent_all: Callable[[], None],
-        escape: Callable[[], None],
+        header: QWidget,
         shows_plots: Callable[[], bool],
     ) -> None:
         super().__init__(window)
         self.window, self.vent, self.vent_all = window, vent, vent_all
-        self.escape, self.shows_plots = escape, shows_plots
+        self.header, self.shows_plots = header, shows_plots
         self._moving = False  # whether the operator moves the focus, by mouse, Tab or an arrow
         self._chosen: QWidget | None = None  # the button that the operator gave the focus last
 
@@ -146,9 +147,12 @@ class WindowKeys(QObject):
         """Install the filter on a window."""
         if window is not None:
             window.installEventFilter(self)
+            self._clear_header(window)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Return whether the event was handled here."""
+        if event.type() in PLACED and isinstance(watched, QWindow):
+            self._clear_header(watched)
         if event.type() in POINTED or (isinstance(event, QKeyEvent) and event.key() in _MOVING):
             self._moving = True
             QTimer.singleShot(0, self._moved)
@@ -162,12 +166,23 @@ class WindowKeys(QObject):
         if event.key() == Qt.Key.Key_F4:
             (self.vent_all if event.modifiers() & Qt.KeyboardModifier.ShiftModifier else self.vent)()
             return True
-        if event.key() == Qt.Key.Key_Escape and isinstance(focus, QMenuBar) and _nothing_open():
-            self.escape()  # the menu bar keeps the keyboard after its menu was closed
         if event.key() in ENTER and isinstance(focus, QAbstractButton) and not _has_enter(focus):
             focus.click()
             return True
         return False
+
+    def _clear_header(self, dialog: QWindow) -> None:
+        """Move a dialog that covers the header below it, and make one that is too high for this lower."""
+        main, frame = self.window.windowHandle(), dialog.frameGeometry()
+        head = QRect(self.header.mapToGlobal(QPoint(0, 0)), self.header.size())
+        movable = dialog.type() in (Qt.WindowType.Dialog, Qt.WindowType.Window) and dialog is not main
+        if not (movable and dialog.isVisible() and frame.intersects(head)):
+            return
+        lowest = max(self.window.frameGeometry().bottom(), dialog.screen().availableGeometry().bottom())
+        too_high = frame.height() - (lowest - head.bottom())
+        if too_high > 0:
+            dialog.resize(dialog.width(), max(dialog.minimumHeight(), dialog.height() - too_high))
+        dialog.setFramePosition(QPoint(frame.x(), head.bottom() + 1))
 
     def _moved(self) -> None:
         self._moving = False

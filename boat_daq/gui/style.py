@@ -153,6 +153,7 @@ def style_sheet(theme: Theme) -> str:
         fault_text="#ff8a86" if theme.name == "dark" else theme.fault,
         font_chrome=FONT_CHROME, font_small=FONT_SMALL, font_set=FONT_SET, font_title=FONT_TITLE,
         radius=RADIUS, inner_height=CONTROL_HEIGHT - 8, vent_height=VENT_HEIGHT - 4, vent_width=VENT_WIDTH - 4,
+        vent_focus_height=VENT_HEIGHT - 8, vent_focus_width=VENT_WIDTH - 8,
         paste_height=3 * CONTROL_HEIGHT - 8,
     )  # fmt: skip
 

@@ -122,6 +122,15 @@ class OtherChannels:
         return found | self.derived.evaluate(channel_columns(samples, block, self.extra))
 
 
+def passed_us(block: Columns, before_us: int, longest_s: float) -> int:
+    """Return the board time from `before_us` to the end of a block.
+
+    A step back, or one over `longest_s`, is a clock that restarted: no time passed in it.
+    """
+    steps = np.diff(block.time_us, prepend=before_us)
+    return int(steps[(steps > 0) & (steps <= 1e6 * longest_s)].sum())
+
+
 def last_sample(block: Columns, target_kpa: float | None) -> LastSample:
     """Return the newest sample; a state this program does not know is taken for FAULT."""
     state = int(block.state[-1])

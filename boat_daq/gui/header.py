@@ -176,7 +176,8 @@ class Header(QWidget):
         self._refresh_outlets()
         self._unit_text = self.unit_in_use.text(snapshot)
         self.link.setToolTip("\n".join((CHOOSE, words, *(figure for figure, _ in text.figures))))
-        self.unit.setToolTip(f"{self._unit_text}\nThe connected unit and its calibration")
+        library = "simulated" if snapshot.simulated else "real"
+        self.unit.setToolTip(f"{self._unit_text}\nThe connected unit and its calibration as a {library} unit")
         widths = ((len(figure), state) for figure, state in text.figures)
         lengths = (
             words,

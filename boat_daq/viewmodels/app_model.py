@@ -118,6 +118,7 @@ class AppModel:
             self.services, "the confidence of the race", SUGGESTED_CONFIDENCES, confidence_of,
             self.optics.set_confidence, confidence_text,
         )  # fmt: skip
+        self._continuous = False  # whether a repeatability run is in progress
         self.snapshot = session.snapshot()
         self._messages = SessionMessages(self.notices, self.snapshot)
 
@@ -156,6 +157,7 @@ class AppModel:
         if self.connected():
             self.shadow.prepare()
         self.repeatability.follow(snapshot)
+        self._follow_kind()
         self.run.calibration.follow(snapshot, analysing=self.calibration.working)
         self.run.resumption.follow(snapshot)
         attempt(lambda: self.run.follow(snapshot))
@@ -165,6 +167,12 @@ class AppModel:
         self._messages.follow(snapshot)
         self.windows.follow()
         return snapshot
+
+    def _follow_kind(self) -> None:
+        """Choose the tab of the cycles when a repeatability run begins."""
+        before, self._continuous = self._continuous, self.repeatability.in_progress
+        if self._continuous and not before:
+            self.services.choose(Tab.REPEATABILITY)
 
     def _report_alarms(self) -> None:
         for sentence in self.monitor.poll():

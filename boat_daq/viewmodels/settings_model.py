@@ -38,6 +38,7 @@ from boat_daq.engine.settings import (
     stored_settings,
 )
 from boat_daq.engine.toml_values import read_text
+from boat_daq.formatting import count
 from boat_daq.viewmodels.common.services import Change, UndoHistory
 from boat_daq.viewmodels.results.contributions import ContributionsModel
 from boat_daq.viewmodels.results.metadata import MetadataModel
@@ -91,8 +92,9 @@ class SettingsModel:
             for entry in unit.history
         )
         changes = tuple(sorted((*unit.changes, *calibrations), key=lambda change: change.utc))[::-1]
-        date = f"in force since {unit.calibration.utc[:10]}" if unit.calibration is not None else "none in force"
-        return StoredValues(texts_of(unit), changes, f"{len(unit.history)} calibrations, {date}")
+        simulated = self._units.of(simulated=True).load(subject)
+        lines = (f"Real unit: {_calibrations(unit)}", f"Simulated unit: {_calibrations(simulated)}")
+        return StoredValues(texts_of(unit), changes, "\n".join(lines))
 
     def stamp(self, subject: str) -> int:
         """Return a number that changes with the file of a subject; 0 without a file."""
@@ -212,3 +214,9 @@ def _texts(before: Any, after: Any) -> dict[str, str]:
 def _with_values(unit: Unit, other: Unit) -> Unit:
     """Return a unit with the described values of another one."""
     return dataclasses.replace(unit, **{key: getattr(other, key) for key in described(other)})
+
+
+def _calibrations(unit: Unit) -> str:
+    """Return how many calibrations a unit has, and which is in force."""
+    date = f"in force since {unit.calibration.utc[:10]}" if unit.calibration is not None else "none in force"
+    return f"{count(len(unit.history), 'calibration')}, {date}"

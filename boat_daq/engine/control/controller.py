@@ -21,7 +21,7 @@ from boat_daq.engine.control.sequencer import VENTED_KPA, GoTo, Sequencer, VentN
 from boat_daq.engine.control.trips import Trip
 from boat_daq.engine.control.watchdog import REPEAT_MS, UNREAD_S, StreamWatch
 from boat_daq.engine.plan import Plan
-from boat_daq.engine.sample_columns import Columns, columns, last_sample
+from boat_daq.engine.sample_columns import Columns, columns, last_sample, passed_us
 from boat_daq.engine.snapshot import LastSample, MessageKind, RunEnding, SessionState
 from protocol.base.errors import RequestError, cause_and_remedy
 from protocol.link import messages
@@ -36,6 +36,7 @@ from protocol.link.events import (
 )
 from protocol.recording import BoardState, SampleFlag
 
+CLOCK_STEP_S = 2.0  # of the board beyond the time that the host has waited: a longer one is another clock
 BOOT_S = 0.2  # after the first HELLO: a second one, with no sample yet, is a boot
 MANUAL_RAMP_KPA_PER_S = 10.0
 
@@ -69,6 +70,7 @@ class Controller:
         self._newest: Columns | None = None
         self.hold_samples = False  # request no samples after HELLO yet: a recording opens first
         self.sampled_us = 0  # board time between samples so far, over all clocks of the board
+        self._sampled_ns = 0  # host time of the last sample
         self.pressurised = False  # a pressure was sent, and the unit has not been seen vented since
         self.mv_per_count = 1.0
         self._cleared_by = ""
@@ -318,13 +320,19 @@ class Controller:
 
     # ---- samples ---------------------------------------------------------------------------------------------------
 
+    def _passed_us(self, block: Columns, before_us: int) -> int:
+        """Return the board time from an instant to the end of a block, without the steps of a clock that restarted."""
+        host_s = (self.board.now_ns - self._sampled_ns) * 1e-9
+        self._sampled_ns = self.board.now_ns
+        return passed_us(block, before_us, CLOCK_STEP_S + 2.0 * self.board.meter.speed * host_s)
+
     def _take_samples(self, block: Columns) -> None:
         if not len(block):
             return
         board, stream = self.board, self.stream
         first_us, before_us, board.board_us = int(block.time_us[0]), board.board_us, int(block.time_us[-1])
         goes_on = stream.begun and first_us > before_us
-        self.sampled_us += board.board_us - (before_us if goes_on else first_us)
+        self.sampled_us += self._passed_us(block, before_us if goes_on else first_us)
         board.meter.add(board.now_ns, board.board_us)
         first, was_silent = not stream.begun, stream.silent
         stream.came(board.now_ns)

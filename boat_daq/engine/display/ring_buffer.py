@@ -162,6 +162,7 @@ def _points(entries: Columns2D) -> Columns2D:
 
 DEFAULT_CAPACITY = 360_000  # an hour at 100 Hz
 LATER_US = 1_000_000
+JUMP_S, PACE_MOST, SETTLED_S = 2.0, 100.0, 1.0  # see `RingBuffer._jumps`
 CAMERA_CAPACITY = 108_000  # an hour at 30 frames/s
 CAMERA_GAP_S, CAMERA_GAP = 0.2, 3.5  # no elongation is interpolated over a longer time, and over more intervals
 _CAMERA = ExtraChannel("camera", "mm")
@@ -205,7 +206,7 @@ class RingBuffer:
     """The newest samples. Columns: time_s, pressure_kpa, target_kpa, s1_mv, s2_mv .., then those of `others`.
 
     With a camera there are also camera_mm and camera_u_mm, interpolated between its frames. `time_s` is board time, 0
-    at the first sample, continued by host time where the board's clock restarts. Implausible values are NaN here.
+    at the first sample, continued by host time where the board's clock restarts or jumps. Implausible values are NaN.
 
     Parameters
     ----------
@@ -241,6 +242,7 @@ class RingBuffer:
         self._offset_us: int | None = None
         self._last_us = 0  # of the board, newest sample
         self._last_ns = 0  # of the host, the same
+        self._since = (0, 0)  # of board and host, at the first sample of this clock
         self._delays_ns: deque[int] = deque(maxlen=ARRIVALS_KEPT)  # host time less screen time of the blocks
         self._camera: CameraTrace | None = None
 
@@ -336,10 +338,22 @@ class RingBuffer:
         """Return what is added to board time so that the screen's time continues."""
         if self._offset_us is None:
             self._offset_us = -int(time_us[0])
-        elif time_us[0] < self._last_us:  # the board's clock restarted
+            self._since = int(time_us[0]), int(host_ns[0])
+        elif time_us[0] < self._last_us or self._jumps(int(time_us[0]), int(host_ns[0])):  # another clock
             passed_us = max(0, (int(host_ns[0]) - self._last_ns) // 1000)
             self._offset_us += self._last_us + passed_us - int(time_us[0])
             self._delays_ns.clear()
+            self._since = int(time_us[0]), int(host_ns[0])
         self._last_us, self._last_ns = int(time_us.max()), int(host_ns[-1])
         self._delays_ns.append(self._last_ns - 1000 * (self._last_us + self._offset_us))
         return self._offset_us
+
+    def _jumps(self, time_us: int, host_ns: int) -> bool:
+        """Return whether the board's clock is ahead of what the host's allows: a board that restarted at any time.
+
+        A virtual board may run faster than real time: its pace is measured once the clock is `SETTLED_S` old.
+        """
+        since_us, since_ns = self._since
+        known_s = (self._last_ns - since_ns) * 1e-9
+        pace = max(1.0, (self._last_us - since_us) * 1e-6 / known_s) if known_s >= SETTLED_S else PACE_MOST
+        return (time_us - self._last_us) * 1e-6 > JUMP_S + 2.0 * pace * max(0, host_ns - self._last_ns) * 1e-9

@@ -37,7 +37,7 @@ from protocol.base.units import NOTHING, as_text
 
 SPACING = 6  # between the parts of a value
 ELONGATION_NOTES = (("\u00b18.88 (k = 2)", "\u25b2 out of range"), ("\u00b18.88", "\u25b2 differ"))
-TARGET_NOTES = ((), ("\u2192 +88.8",))
+TARGET_NOTES = (("was +88.8",), ("\u2192 +88.8", "was +88.8"))
 _SENSORS, _BESIDE = 4, 2  # of a board at most; of those at most whose values are beside the others
 BAND = (
     "Expanded uncertainty, k = 2. Out of range: no elongation of the calibration gives these signals. Disagree: "
@@ -221,7 +221,8 @@ class LivePage(QWidget):
         self.layout_panel = LayoutPanel(self, layouts, self.model, services)
         self.marker = self._marker()
         self.head = self._head()
-        above = widgets.column((self.middle, 1), self.spans, spacing=style.GAP)
+        self.frozen = self._frozen()
+        above = widgets.column(self.frozen, (self.middle, 1), self.spans, spacing=style.GAP)
         height = self.sequence.sizeHint().height()
         self.run_border = Divided("run", services.preferences, widgets.holder(above), self.sequence, height, below=True)
         parts = (self.head, self.marker, (self.run_border, 1), self.reading)
@@ -255,6 +256,18 @@ class LivePage(QWidget):
             self.plots.bar.insertWidget(self.plots.bar.count() - 1, widget)
         frame, self.head_card = widgets.card(widgets.row(self.figure_line, None))
         frame.setMinimumWidth(1)  # else figures too large for a new width would push the pane aside
+        return frame
+
+    def _frozen(self) -> QFrame:
+        """Return the banner over plots that do not follow the data."""
+        self.follow = widgets.button("Follow", self.model.toggle_freeze, tip="Show the newest data (Space)")
+        mark = widgets.label("FROZEN", "subtitle")
+        widgets.set_state(mark, "warning")
+        words = widgets.label("The plots show the past. The measurement goes on.", elide=True)
+        frame, inside = widgets.card(widgets.row(mark, (words, 1), self.follow))
+        inside.setContentsMargins(style.CARD_PADDING, style.STEP, style.CARD_PADDING, style.STEP)
+        widgets.set_state(frame, "warning", "level")
+        frame.hide()
         return frame
 
     def _marker(self) -> QFrame:
@@ -400,6 +413,7 @@ class LivePage(QWidget):
         self.guard.show(self.plan_editor, "The plan of segments", partial(self.plan_editor.refresh, snapshot))
         self.guard.show(self.layout_panel, "The layout", self.layout_panel.refresh)
         self.freeze.setChecked(not self.model.following)
+        self.frozen.setVisible(not self.model.following and self.middle.currentWidget() is self.over_time)
         shown_s = self.model.window_s
         self.window_choice.setCurrentIndex(WINDOWS_S.index(shown_s) if shown_s in WINDOWS_S else -1)
         self.guard.show(self.plots, "The marks in the plots", partial(self._show_marks, snapshot))
@@ -432,8 +446,11 @@ class LivePage(QWidget):
         for name, signal in zip(list(figures)[:_SENSORS], signals, strict=True):
             figures[name].set(signal, age=age)
         figures["mm"].set(head.elongation, age or (head.band_short if self.narrow else head.band), age)
-        figures["kpa"].set(head.pressure, f"\u2192 {head.target}" if self.narrow else "", age)
-        figures["target"].set(head.target, age=age)
+        if age:  # nothing tells whether the unit is still under pressure
+            figures["kpa"].set(NOTHING, f"was {head.pressure}" if head.pressure != NOTHING else "", age)
+        else:
+            figures["kpa"].set(head.pressure, f"\u2192 {head.target}" if self.narrow else "")
+        figures["target"].set(NOTHING if age else head.target, age=age)
 
     def _show_marks(self, snapshot: SessionSnapshot) -> None:
         """Show what the frames of the plots do not draw: limits, markers, readings, age, values at the mouse."""

@@ -35,6 +35,7 @@ from boat_daq.viewmodels.live.sequence import (
     SequenceModel,
     StaircaseDrawing,
     elongation_text,
+    holding_text,
     limits_text,
     progress_text,
     state_text,
@@ -204,14 +205,15 @@ class SequencePanel(QFrame):
         widgets.set_text(self.buttons["resume"], f"Resume at cycle {paused.cycle + 1}" if paused else "Resume")
         arm, (text, tip) = self.buttons["arm"], START_OVER if first_cycle else BUTTONS["arm"]
         widgets.set_text(arm, text)
-        widgets.set_state(arm, "" if first_cycle or offered else "primary", "role")
+        held = bool(holding_text(snapshot))  # vent or set another pressure first; arming is possible
+        widgets.set_state(arm, "" if first_cycle or offered or held else "primary", "role")
         widgets.set_state(self.calibrate, "" if self.resume.isVisible() else "primary", "role")
         arm.setToolTip(tip)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show state, progress and the buttons that may be pressed."""
         model = self.run.sequence
-        widgets.set_text(self.state, state_text(snapshot))
+        widgets.set_text(self.state, state_text(snapshot, self.run.sequence.units))
         self._show_progress(snapshot)
         self._show_uncertainty(self.run.uncertainty_text(snapshot))
         allowed = model.allowed(snapshot)

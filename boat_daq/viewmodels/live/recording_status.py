@@ -15,6 +15,7 @@ from protocol.base.errors import BoatDaqError
 
 _LOOK_S = 1.0
 LITTLE_SPACE = 1e9  # bytes
+NOT_SAVED_MS = 3_000.0  # waiting for the disk: it is full, or gone
 RECORD, STOP = "Record", "Stop"
 
 
@@ -66,6 +67,10 @@ class RecordingStatus:
         tip = f"{path.name}\nin {path.parent} (click to open it)\n{size_text(self._size)}, {left}{lasts}{cost}"
         button = "" if snapshot.state in UNDER_WAY else STOP
         text = "   ".join((short, size_text(self._size), left))
+        if health is not None and health.lag_ms > NOT_SAVED_MS:
+            short = text = f"\u25a0 NOT SAVING {duration(health.lag_ms / 1e3)}"
+            tip = f"The disk takes nothing: this time is kept in memory, and saved once it can be\n{tip}"
+            return RecordingText(text, short, tip, "fault", button)
         wrong = little or (health is not None and health.late)
         return RecordingText(text, f"{short}   {left}" if little else short, tip, "warning" if wrong else "", button)
 

@@ -26,12 +26,11 @@ from boat_daq.viewmodels.live.connection import ENDED, ConnectionModel
 from boat_daq.viewmodels.live.end_at import EndAt, EndReport, uncertainty_text
 from boat_daq.viewmodels.live.live_model import LiveModel
 from boat_daq.viewmodels.live.readings import ReadingsModel
-from boat_daq.viewmodels.live.sequence import SequenceModel
+from boat_daq.viewmodels.live.sequence import AT_REST, SequenceModel
 from boat_daq.workflows.end_at_uncertainty import EnoughCycles
 from protocol.base.errors import RequestError
 from protocol.recording import RunEnd
 
-AT_REST = (SessionState.IDLE, SessionState.ABORTED)
 ReadInterrupted = Callable[[Path, Callable[[BrokenRun], None]], None]
 TRIAL_SPEED = 20.0  # of the virtual board over real time
 ENDED_RUN = (*AT_REST, SessionState.FAULT)

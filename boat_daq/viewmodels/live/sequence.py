@@ -16,9 +16,11 @@ from pathlib import Path
 import numpy as np
 
 from boat_daq.engine.control.elongation import Regulator
+from boat_daq.engine.control.sequencer import VENTED_KPA
+from boat_daq.engine.control.watchdog import FAST, LONGEST_MS, REAL_TIME_MS
 from boat_daq.engine.plan import Plan, built_in_plans, plan_from_toml
 from boat_daq.engine.session.session import Session
-from boat_daq.engine.snapshot import Limits, Phase, SessionSnapshot, SessionState
+from boat_daq.engine.snapshot import Limits, LinkState, Phase, SessionSnapshot, SessionState
 from boat_daq.engine.toml_values import BadValue, read_text
 from boat_daq.formatting import count, duration, in_units, stored_number, target
 from boat_daq.viewmodels.common.preferences import Preferences
@@ -27,6 +29,7 @@ from protocol.base.arrays import FloatArray
 from protocol.base.errors import BoatDaqError, RequestError
 from protocol.base.units import MINUS, STORED_UNITS, ShownUnits, as_text
 from protocol.base.whole_file import write_whole
+from protocol.recording import BoardState, SampleFlag
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,11 +60,14 @@ STATE_TEXTS = {  # shape, text, buttons
     S.IDLE: ("\u25cb", "Idle", ("arm",)),
     S.ARMED: ("\u25d4", "Armed", ("start", "disarm")),
     S.RUNNING: ("\u25b6", "Running", ("pause", "stop")),
-    S.PAUSED: ("\u2016", "Paused, vented", ("resume", "stop")),
+    S.PAUSED: ("\u2016", "Paused", ("resume", "stop")),
     S.FINISHING: ("\u25d1", "Finishing", ()),
     S.ABORTED: ("\u25a0", "Stopped early", ("arm",)),
-    S.FAULT: ("\u25a0", "Fault, vented", ("clear",)),
+    S.FAULT: ("\u25a0", "Fault", ("clear",)),
 }
+AT_REST = (S.IDLE, S.ABORTED)
+UNKNOWN = {LinkState.LOST: "Link lost, pressure unknown", LinkState.SILENT: "No data, pressure unknown"}
+SETTLED_MM = 0.01  # of the shaped setpoint from the target
 HELD = (S.ARMED, S.RUNNING, S.PAUSED, S.FINISHING)  # the session has a plan
 PHASE_WORDS = {
     Phase.RAMPING: "ramping", Phase.SETTLING: "settling", Phase.DWELLING: "holding", Phase.VENTING: "venting",
@@ -353,20 +359,54 @@ def _in_terms_of_form(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def state_text(snapshot: SessionSnapshot) -> str:
-    """Return the run's state with its shape, e.g. `Running`."""
-    return " ".join(STATE_TEXTS[snapshot.state][:2])
+def holding_text(snapshot: SessionSnapshot, units: ShownUnits = STORED_UNITS) -> str:
+    """Return what is held without a run, an elongation or a pressure; empty where nothing is commanded."""
+    last, loop = snapshot.last, snapshot.elongation
+    if snapshot.state not in AT_REST or snapshot.link is not LinkState.UP or last is None:
+        return ""
+    if loop is not None:
+        there = abs(loop.setpoint_mm - loop.target_mm) < SETTLED_MM
+        goal = f"{in_units(units, 'mm', loop.target_mm, 2)} at {target(last.pressure_kpa, units)}"
+    elif math.isfinite(last.target_kpa):
+        there = abs(last.pressure_kpa - last.target_kpa) < VENTED_KPA
+        goal = target(last.target_kpa, units)
+    else:
+        return ""
+    return f"{'Holding' if there else 'Moving to'} {goal}"
+
+
+def state_text(snapshot: SessionSnapshot, units: ShownUnits = STORED_UNITS) -> str:
+    """Return the run's state with its shape, e.g. `Running`, as far as it is known."""
+    shape, text, _ = STATE_TEXTS[snapshot.state]
+    if snapshot.link in UNKNOWN:
+        return f"\u25a0 {UNKNOWN[snapshot.link]}"
+    if held := holding_text(snapshot, units):
+        return f"\u25cf {held}"
+    if snapshot.state in (SessionState.FAULT, SessionState.PAUSED) and snapshot.last is not None:
+        at_rest = snapshot.last.state is BoardState.VENTED or abs(snapshot.last.pressure_kpa) < VENTED_KPA
+        text += ", vented" if at_rest else ", venting"
+    return f"{shape} {text}"
+
+
+def _promise(snapshot: SessionSnapshot) -> str:
+    """Return what vents a board that sends nothing, as its last sample knew."""
+    if snapshot.last is None or not snapshot.last.flags & SampleFlag.WATCHDOG_ARMED:
+        return "no watchdog was armed: look at the unit"
+    wait_s = (LONGEST_MS if snapshot.speed > FAST else REAL_TIME_MS) / 1000
+    return f"the board vents by its watchdog within {wait_s:.0f} s"
 
 
 def progress_text(snapshot: SessionSnapshot, leave_out: int = 0, units: ShownUnits = STORED_UNITS) -> str:
     """Return cycle, step and time left in a line; `leave_out` 1 leaves out the phase, 2 the step too."""
     progress = snapshot.progress
     ended = snapshot.run_ended
+    if snapshot.link in UNKNOWN:
+        return _promise(snapshot)
     if snapshot.state in (SessionState.FAULT, SessionState.ABORTED) and ended is not None and ended.aborted:
         return ended.cause
     if progress is None:
         held = elongation_text(snapshot, units)
-        return f"elongation controlled: {held[:1].lower()}{held[1:]}" if held else ""
+        return held[:1].lower() + held[1:]
     where = f"cycle {progress.cycle} of {progress.cycles}" if progress.cycle else "first plateau"
     left = f"{duration(progress.time_left_s)} left"
     step = f"step {progress.step} of {progress.steps}"

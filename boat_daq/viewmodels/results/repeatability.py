@@ -28,6 +28,7 @@ GROUPS = 12
 WARM_UP_FROM = 6  # cycles, so that warm-up can be distinguished
 HOW = "Choose the plan 'repeatability' and start it: this page is updated during the run. Or open a recording."
 NO_RUN = f"You will see the loops of every cycle, the drift of their ends, and hysteresis, sensitivity and SNR. {HOW}"
+FIRST_RESULTS = "The first results come after two cycles"
 _NO_CYCLE = "A cycle goes from the highest pressure to the lowest and back."
 
 
@@ -68,22 +69,35 @@ class RepeatabilityModel:
         self._started_cycles = 0
         self._followed: Path | None = None
         self._ended_at = np.inf
+        self._cycle = 0  # in progress
 
     def follow(self, snapshot: SessionSnapshot) -> None:
         """Analyse the open recording again after each new cycle, and once more after the run."""
         progress = snapshot.progress
+        continuous = getattr(snapshot.plan, "kind", "") == "continuous"
+        self._show_cycle(progress.cycle if snapshot.state is SessionState.RUNNING and progress and continuous else 0)
         if snapshot.state is not SessionState.RUNNING or snapshot.recording is None or progress is None:
             if snapshot.state is not SessionState.FINISHING:
                 self._read_ended()
             return
         self._ended_at = np.inf
         enough = progress.complete_cycles != self._started_cycles
-        continuous = getattr(snapshot.plan, "kind", "") == "continuous" and progress.complete_cycles >= 2
         free = self._clock() - self._started_s >= LEAST_INTERVAL_S and self.jobs.get("repeatability") is None
-        if continuous and enough and free:
+        if continuous and progress.complete_cycles >= 2 and enough and free:
             self._started_s, self._started_cycles = self._clock(), progress.complete_cycles
             self._followed = snapshot.recording
             self.analyse(snapshot.recording, label="Repeatability so far")
+
+    @property
+    def in_progress(self) -> bool:
+        """Whether a run of many cycles is in progress."""
+        return self._cycle > 0
+
+    def _show_cycle(self, cycle: int) -> None:
+        """Take the cycle that is in progress, 0 for none, as long as nothing else is shown."""
+        if self.result is None and cycle != self._cycle:
+            self.revision += 1
+        self._cycle = cycle
 
     def _read_ended(self) -> None:
         """Analyse the run that has ended, once its last samples are written."""
@@ -125,6 +139,10 @@ class RepeatabilityModel:
         """Return title and text of what is missing; both empty where there is a cycle to show."""
         if self.failure:
             return "This run cannot be shown", self.failure
+        if self.result is None and self.jobs.get("repeatability") is not None:
+            return "Loading \u2026", "The run is being analysed."
+        if self.result is None and self._cycle:
+            return FIRST_RESULTS, f"Cycle {self._cycle} is in progress."
         if self.result is None:
             return "No repeatability run yet", NO_RUN
         if not self.result.cycles:

@@ -10,7 +10,7 @@ import pytest
 
 from boat_daq.engine.plan import load_plan
 from boat_daq.engine.session.session import Session
-from boat_daq.engine.settings import Settings, UnitLibrary, load_settings, save_settings
+from boat_daq.engine.settings import Settings, StoredCalibration, Unit, UnitLibrary, load_settings, save_settings
 from boat_daq.engine.simulator.server import BoardSettings
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.viewmodels.common.services import UndoHistory
@@ -112,3 +112,13 @@ def test_a_unit_and_settings_are_exported_and_imported(model, tmp_path):
     model.metadata("SA9").state({"customer": "A & Co"})
     changed = {change.key: change.after for change in model.shown("SA9").changes}
     assert changed["metadata.customer"] == "A & Co" and "u_percent = 0.2" in changed["type_b.scale"]
+
+
+def test_calibrations_of_both_libraries_are_named(model):
+    """The header said "calibrated" of the simulated unit, the page "0 calibrations" of the real one."""
+    simulated = model._units.of(simulated=True)
+    simulated.save(Unit("SA1", history=(StoredCalibration("2026-11-26T10:00:00+00:00", True, {}),)))
+    assert model.shown("SA1").calibrations.splitlines() == [
+        "Real unit: 0 calibrations, none in force",
+        "Simulated unit: 1 calibration, in force since 2026-11-26",
+    ]

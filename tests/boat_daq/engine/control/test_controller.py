@@ -5,11 +5,13 @@ from __future__ import annotations
 import dataclasses
 from itertools import pairwise
 
+import numpy as np
 import pytest
 
 from boat_daq.engine.control.board_commands import BoardCommands
 from boat_daq.engine.control.preflight import ZERO_SAMPLES
 from boat_daq.engine.plan import built_in_plans
+from boat_daq.engine.sample_columns import Columns, passed_us
 from boat_daq.engine.snapshot import RunEnding, SessionState
 from protocol.base.errors import RequestError
 from protocol.link.events import CommandDone, CommandLost
@@ -424,6 +426,19 @@ def test_a_restart_not_yet_seen_leaves_no_unwatched_pressure() -> None:
     rig.host_alive = False
     rig.run(1.0 + 1.5)
     assert vented(rig)
+
+
+def test_sampled_time_goes_on_over_a_restart() -> None:
+    """The time in the header went back from 0:43 to 0:29; a clock that begins anywhere adds nothing."""
+    rig = ControllerRig().connected()
+    rig.run(5.0)
+    before = rig.control.sampled_us
+    rig.fault("reset", 0)
+    rig.run(3.0)
+    assert before < rig.control.sampled_us <= before + 3_100_000
+    time_us = np.array([64_000_000, 64_010_000, 3_622_000_000, 3_622_010_000])
+    ahead = Columns(time_us, *(np.zeros((4, 2)),) * 3, *(np.zeros(4, np.uint8),) * 2)
+    assert passed_us(ahead, 63_990_000, 2.5) == 30_000
 
 
 def answer(rig: ControllerRig, command: object, status: AckStatus) -> None:

@@ -173,6 +173,26 @@ def test_time_continues_where_the_boards_clock_restarts():
     assert ring.view()["time_s"] == pytest.approx([0, 0.01, 0.02, 2.02, 2.03])
 
 
+def test_time_continues_where_a_restarted_clock_is_ahead():
+    """A board whose clock begins at any time: the axis went from 1:04 to 1:00:22. A pause is no restart."""
+    ring = RingBuffer(2, mv_per_count=1.0, capacity=1000)
+    for second in range(3):
+        ring.append(samples_of(100, first_us=second * 1_000_000, host_ns=second * 1_000_000_000))
+    ring.append(samples_of(2, first_us=3_600_000_000, host_ns=7_000_000_000))
+    time_s = ring.view(last=2)["time_s"]
+    assert time_s[0] == pytest.approx(2.99 + 5.0)
+    ring.append(samples_of(2, first_us=3_612_000_000, host_ns=19_000_000_000))  # twelve seconds without samples
+    assert ring.view(last=1)["time_s"][0] == pytest.approx(2.99 + 5.0 + 12.01)
+
+
+def test_a_fast_virtual_board_keeps_its_own_time():
+    """At a hundred times real time a block comes seconds of board time after the one before."""
+    ring = RingBuffer(2, mv_per_count=1.0, capacity=1000)
+    for block in range(50):
+        ring.append(samples_of(2, first_us=block * 5_000_000, host_ns=block * 50_000_000))
+    assert ring.newest_s == pytest.approx(49 * 5.0 + 0.01)
+
+
 def test_an_instant_of_board_time_has_its_place_in_the_picture():
     """A sample's own board time gives its own time in the ring, also after a reset; one of the old clock gives none."""
     ring = RingBuffer(2, mv_per_count=1.0, capacity=1000)

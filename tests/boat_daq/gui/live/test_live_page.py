@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from PySide6.QtCore import Qt
@@ -14,6 +16,7 @@ from boat_daq.engine.snapshot import HealthSnapshot, LinkState
 from boat_daq.gui import style
 from boat_daq.viewmodels.live.live_model import HEADINGS_SHORT
 from boat_daq.workflows.live_conversion import LiveElongation
+from protocol.base.units import NOTHING
 from protocol.link.events import LinkStatistics
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.gui.windows import PATIENCE_MS
@@ -138,10 +141,46 @@ def test_values_and_curves_of_a_lost_board_are_grey_with_their_age(live):
         live.model.session.change(link=link, health=health)
         live.refresh()
         values = [page.figures[name].value for name in ("s1", "s2", "kpa", "target")]
-        assert "\u2013" not in {value.text() for value in values}
+        assert (NOTHING in {value.text() for value in values}) is (link is LinkState.LOST)  # the pressure is unknown
         opacity = {curve.item.opacity() for curve in page.plots.curves.values()}
         spoken = values[0].accessibleName().endswith("1:15 ago")
         seen.append(({v.property("state") or "" for v in values}, opacity, page.plots.heading.text(), spoken))
     fresh = ({""}, {1.0}, "", False)
     assert seen == [fresh, ({"off"}, {style.STALE_OPACITY}, "Last data 1:15 ago", True), fresh]
     assert page.figures["mm"].note.text() == ""
+
+
+def test_unplugged_board_shows_no_pressure(live):
+    """Unplugged at +30 kPa it went on showing 30.0; the last value stays beside it, with its age elsewhere."""
+    health = HealthSnapshot(LinkStatistics(), 100.0, 100.0, 12.0, 3.0, None, None, None, ())
+    live.model.session.change(health=health)
+    live.refresh()
+    before = live.live.figures["kpa"].value.text()
+    live.model.session.change(link=LinkState.LOST)
+    live.refresh()
+    pressure, target = live.live.figures["kpa"], live.live.figures["target"]
+    assert (pressure.value.text(), pressure.note.text(), target.value.text()) == (NOTHING, f"was {before}", NOTHING)
+    assert live.live.sequence.state.text() == "\u25a0 Link lost, pressure unknown"
+
+
+def test_frozen_plots_say_so_and_follow_again(live):
+    """A whole run showed the old picture; the only sign was a tinted button."""
+    page = live.live
+    page.model.toggle_freeze()
+    live.refresh()
+    assert page.frozen.isVisible()
+    assert page.frozen.height() < 2 * style.STRIP_HEIGHT
+    page.follow.click()
+    live.refresh()
+    assert (page.frozen.isVisible(), page.model.following) == (False, True)
+
+
+def test_arm_is_not_the_next_step_while_something_is_held(live):
+    """Under closed loop at +28 kPa the primary button was Arm."""
+    arm = live.live.sequence.buttons["arm"]
+    live.refresh()
+    assert (arm.isVisible(), arm.property("role")) == (True, "")
+    last = dataclasses.replace(connected().last, target_kpa=float("nan"), pressure_kpa=0.1)
+    live.model.session.change(last=last)
+    live.refresh()
+    assert arm.property("role") == "primary"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 
 import pytest
@@ -27,6 +28,7 @@ def test_interrupted_run_has_buttons_to_resume_and_to_start_over(live):
     """After a vent there are two buttons, Resume the marked one; armed it names the cycle, and Esc keeps the offer."""
     panel, arm = live.live.sequence, live.live.sequence.buttons["arm"]
     session = live.model.session
+    session.change(last=dataclasses.replace(session.shown.last, target_kpa=math.nan))  # nothing is held
     live.refresh()
     assert (arm.text(), arm.property("role"), panel.resume.isVisible()) == ("Arm", "primary", False)
     plan = built_in_plans()["calibration"]

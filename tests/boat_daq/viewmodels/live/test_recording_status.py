@@ -62,6 +62,16 @@ def test_cost_of_a_crash_is_shown_and_late_samples_are_a_warning(tmp_path, monke
         assert text.tip.endswith(f"a crash now would cost at most {at_risk_ms / 1e3:.2f} s")
 
 
+def test_a_disk_that_takes_nothing_is_not_shown_as_recording(tmp_path, monkeypatch):
+    """On a full disk the badge counted on, amber: REC 0:43, with a delay of 23 s beside it."""
+    monkeypatch.setattr(recording_status.shutil, "disk_usage", lambda _: SimpleNamespace(free=0.0))
+    health = HealthSnapshot(LinkStatistics(), 100.0, 100.0, 0.0, 23_495.0, None, None, None, (), 23_495.0)
+    status, shown = status_of(tmp_path, recording=tmp_path / "a.boat", recorded_s=43.0, health=health)
+    text = status.text(shown)
+    assert (text.text, text.short, text.state) == ("\u25a0 NOT SAVING 0:23", "\u25a0 NOT SAVING 0:23", "fault")
+    assert "REC" not in text.text
+
+
 @pytest.mark.parametrize(
     ("changes", "button"),
     [({}, RECORD), ({"link": LinkState.CLOSED}, ""), ({"recording": True}, STOP),

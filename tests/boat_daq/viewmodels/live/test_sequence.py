@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -10,10 +11,11 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from boat_daq.engine.snapshot import ElongationControl, Phase, Progress, SessionState
+from boat_daq.engine.snapshot import ElongationControl, LinkState, Phase, Progress, SessionState
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import UndoHistory
 from boat_daq.viewmodels.live.sequence import STATE_TEXTS, SequenceModel, drawing, staircase
+from protocol.recording import SampleFlag
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, idle
 from tests.boat_daq.viewmodels.helpers import PLAN
 
@@ -130,4 +132,38 @@ def test_progress_in_a_line():
     assert text == "cycle 1 of 2   step 9 of 37   3:47 left   will repeat this cycle"
     held = ElongationControl(1.5, 1.5, 1.493, 0.07)
     text = progress_text(dataclasses.replace(connected(), elongation=held))
-    assert text == "elongation controlled: setpoint +1.50 mm, measured +1.49 mm"
+    assert text == "setpoint +1.50 mm, measured +1.49 mm"
+
+
+def shown(**changes):
+    """Return state and progress of a connected board with these changes, as the line of the run shows them."""
+    from boat_daq.viewmodels.live.sequence import progress_text, state_text
+
+    last = dataclasses.replace(connected().last, **changes.pop("last", {}))
+    snapshot = dataclasses.replace(connected(), last=last, **changes)
+    return state_text(snapshot), progress_text(snapshot)
+
+
+def test_pressure_of_a_lost_board_is_unknown():
+    """Unplugged at +30 kPa it was "Fault, vented": nothing tells so; the watchdog, where armed, is what vents."""
+    armed = {"last": {"flags": SampleFlag.WATCHDOG_ARMED}, "state": SessionState.FAULT}
+    vents = "the board vents by its watchdog within 1 s"
+    assert shown(link=LinkState.LOST, **armed) == ("\u25a0 Link lost, pressure unknown", vents)
+    assert shown(link=LinkState.SILENT, **armed) == ("\u25a0 No data, pressure unknown", vents)
+    assert shown(link=LinkState.LOST, speed=20.0, **armed)[1].endswith("within 5 s")
+    assert "no watchdog" in shown(link=LinkState.LOST, state=SessionState.FAULT)[1]
+    at = {"state": SessionState.FAULT, "last": {"target_kpa": math.nan}}
+    assert shown(**at)[0] == "\u25a0 Fault, venting"
+    assert shown(**at | {"last": {"pressure_kpa": 0.4}})[0] == "\u25a0 Fault, vented"
+    assert shown(**at | {"state": SessionState.PAUSED})[0] == "\u2016 Paused, venting"
+
+
+def test_what_is_held_without_a_run_is_named():
+    """Under closed loop at +28 kPa the state was "Idle"."""
+    held = ElongationControl(2.0, 2.0, 1.99, 0.07)
+    assert shown(elongation=held, last={"pressure_kpa": 28.04})[0] == "\u25cf Holding +2.00 mm at +28 kPa"
+    on_the_way = dataclasses.replace(held, setpoint_mm=1.2)
+    assert shown(elongation=on_the_way)[0] == "\u25cf Moving to +2.00 mm at +30 kPa"
+    assert shown()[0] == "\u25cf Holding +30 kPa"
+    assert shown(last={"pressure_kpa": 12.0})[0] == "\u25cf Moving to +30 kPa"
+    assert shown(last={"target_kpa": math.nan})[0] == "\u25cb Idle"

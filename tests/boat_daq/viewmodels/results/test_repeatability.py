@@ -13,7 +13,7 @@ import pytest
 from analysis.fidelity import fidelity
 from analysis.stopping.criterion import DRIFT, SPREAD
 from boat_daq.engine.plan import built_in_plans
-from boat_daq.engine.snapshot import Progress, SessionState
+from boat_daq.engine.snapshot import Phase, Progress, SessionState
 from boat_daq.viewmodels.results.figure_tables import HYSTERESIS_KEY
 from boat_daq.viewmodels.results.repeatability import CYCLE_FIGURES, GROUPS, RepeatabilityModel
 from boat_daq.viewmodels.results.run_result import analyse_run
@@ -125,3 +125,22 @@ def test_analysis_uses_the_chosen_fidelity(tmp_path: Path, monkeypatch: pytest.M
         model.fidelity = fidelity(level)
         model.analyse(tmp_path / "run.boat")
         assert begun.call_args.kwargs["level"] == level
+
+
+def test_what_a_run_in_progress_waits_for_is_said():
+    """During the first cycles of a repeatability run it was "No repeatability run yet"."""
+    model = RepeatabilityModel(Mock(get=lambda _: None))
+    plan = built_in_plans()["repeatability"]
+    progress = Progress(1, 100, 1, 100, 0, (), "unloading", Phase.RAMPING, 0.0, 0.0, 0.0, 100.0)
+    running = dataclasses.replace(
+        connected(), state=SessionState.RUNNING, plan=plan, progress=progress, recording=Path("run.boat")
+    )
+    revision = model.revision
+    model.follow(running)
+    assert model.missing() == ("The first results come after two cycles", "Cycle 1 is in progress.")
+    assert (model.in_progress, model.revision) == (True, revision + 1)
+    model.jobs.get = lambda _: Mock()
+    assert model.missing()[0].startswith("Loading")
+    model.jobs.get = lambda _: None
+    model.follow(connected())
+    assert (model.missing()[0], model.in_progress) == ("No repeatability run yet", False)

@@ -43,8 +43,10 @@ def test_entries_show_what_each_recording_is(recording, tmp_path):
 def test_list_arrives_by_polling(recording, tmp_path):
     """The folder is read in the background; a second reading without change is no change."""
     model = RunsModel(recording.parent, UnitLibrary(tmp_path), JobRunner(), Notices(), UndoHistory())
+    assert model.nothing()[0].startswith("Loading")  # it was "No recording yet" with eight of them
     model.scan()
     until(lambda: (model.poll(), model.runs)[1])
+    assert model.nothing()[0] == "No recording yet"
     revision = model.revision
     model.scan()
     until(lambda: (model.poll(), model._future is None)[1])

@@ -36,6 +36,7 @@ class WarningCode(StrEnum):
     EXCURSION_LEFT_OUT = "excursion_left_out"
     TOLERANCE_TOO_WIDE = "tolerance_too_wide"
     VOID = "void"
+    SHORT_HOLDS = "short_holds"
     MARKS_DISAGREE = "marks_disagree"
     CONSTANT_SIGNAL = "constant_signal"
     FLAT = "flat"

@@ -13,7 +13,9 @@ from analysis.figures.figure import Figure, Reason
 from analysis.figures.intervals import at_least, bootstrap_figure, no_full_scale
 from analysis.segmentation.cycles import Cycles
 from analysis.segmentation.plateaus import Plateau
-from protocol.base.arrays import FloatArray
+from protocol.base.arrays import BoolArray, FloatArray
+
+CORNER_SD, CORNER_OF_SPAN = 5.0, 0.005  # what a local cubic leaves of the pressure: noise (sd), and share of the span
 
 _COURSE_TERMS, _BY_CHANCE = 3, 1e-3  # of the noise over x
 
@@ -45,8 +47,12 @@ def noise_course(x: FloatArray, variance: FloatArray, grid: FloatArray) -> Float
     return np.asarray(np.exp(0.5 * (away @ found)) / np.sqrt(np.mean(np.exp(design @ found))))
 
 
-def continuous_noise(recording: Recording, cycles: Cycles, sensor: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+def continuous_noise(
+    recording: Recording, cycles: Cycles, sensor: int, driven_kpa: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the same for a continuous run: about a local cubic (Savitzky-Golay), per cycle.
+
+    Where `driven_kpa` [n] is given, samples near what a cubic cannot follow in it are left out too.
 
     The residual of a point at the middle of the window has variance sigma^2 (1 - h), h the weight of the point in its
     own fit: its share of the degrees of freedom. Samples near the turns of the pressure, where a cubic cannot follow a
@@ -65,6 +71,8 @@ def continuous_noise(recording: Recording, cycles: Cycles, sensor: int) -> tuple
     bad = np.concatenate([[0], np.cumsum(~good)])
     rows = np.arange(recording.n)
     clear = bad[np.minimum(rows + half + 1, recording.n)] == bad[np.maximum(rows - half, 0)]
+    if driven_kpa is not None:
+        clear &= _followed(driven_kpa, cycles.noise_kpa, weights)
     for gap in recording.gaps:
         clear[max(gap.row - half, 0) : gap.row + half + 2] = False
     turns = np.unique([row for c in used for row in (c.first, c.turn, c.last)])
@@ -76,6 +84,19 @@ def continuous_noise(recording: Recording, cycles: Cycles, sensor: int) -> tuple
         squares.append(float(part @ part))
         dof.append(part.size * (1.0 - float(weights[half])))
     return np.asarray(squares), np.asarray(dof), np.asarray([c.number for c in used], dtype=np.float64)
+
+
+def _followed(pressure_kpa: FloatArray, noise_kpa: float, weights: FloatArray) -> BoolArray:
+    """Return where the local cubic follows the pressure in its whole window [n]: not at corners, as of short holds."""
+    known = np.where(np.isfinite(pressure_kpa), pressure_kpa, 0.0)
+    residual = np.abs(known - np.convolve(known, weights[::-1], mode="same"))
+    limit = max(CORNER_SD * noise_kpa, CORNER_OF_SPAN * float(np.ptp(known)))
+    half = weights.size // 2
+    corners = np.concatenate([[0], np.cumsum(residual > limit)])
+    rows = np.arange(known.size)
+    return np.asarray(
+        corners[np.minimum(rows + half + 1, known.size)] == corners[np.maximum(rows - half, 0)], dtype=bool
+    )
 
 
 def noise_and_snr(

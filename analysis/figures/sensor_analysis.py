@@ -478,7 +478,7 @@ def _checks(calibration: Calibration, cycle_of: FloatArray) -> dict[str, Any]:
 def _noise(run: SegmentedRun, sensor: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     if run.plateaus:
         return staircase_noise(run.plateaus, sensor)
-    return continuous_noise(run.recording, run.cycles, sensor)
+    return continuous_noise(run.recording, run.cycles, sensor, run.recording.pressure_kpa)
 
 
 def _percent(values: FloatArray, full_scale: float) -> tuple[float, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -16,7 +17,7 @@ from analysis.numbers import percent, with_uncertainty
 from analysis.segmentation.cycles import TOLERANCE_KPA, Excursion, disagreements_with_marks, find_cycles
 from analysis.segmentation.influence import ChannelInfluence
 from analysis.segmentation.losses import LossCounter
-from analysis.segmentation.plateaus import find_plateaus
+from analysis.segmentation.plateaus import find_plateaus, shorter_settling_s
 from analysis.warning import Warning, WarningCode
 from protocol.base.arrays import FloatArray
 from protocol.base.units import as_text
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
 NOISY_SHARE = 0.01  # of the span of the pressure: above it the pressure is smoothed, and holds and bins lose their ends
 OVERSTATED = 0.999  # p of the test of a curve: above it the errors of reading are smaller than stated
+MOST_ALIKE = 5  # warnings with one reason; more are one with their count
 MOST_OF_AN_IMPORT = 5  # warnings; the preview lists them all
 BREAK_CODES = {
     "same": WarningCode.BREAK,
@@ -85,10 +87,28 @@ def _run_texts(run: SegmentedRun) -> Iterator[tuple[WarningCode, str]]:
             yield WarningCode.CYCLE_LEFT_OUT, f"cycle {cycle.number}: {cycle.left_out}"
     if cycles.excursions:
         yield WarningCode.EXCURSION_LEFT_OUT, _excursions_text(cycles.excursions, recording.time_s)
-    for text in run.loops.void:
+    if settling_s := shorter_settling_s(run.plateaus, run.options.plateau):
+        now_s = run.options.plateau.settling_s
+        text = f"most holds are shorter than the settling time of {now_s:g} s: state one of {settling_s:g} s"
+        yield WarningCode.SHORT_HOLDS, text
+    for text in merged(run.loops.void):
         yield WarningCode.VOID, text
     for text in disagreements_with_marks(cycles, recording):
         yield WarningCode.MARKS_DISAGREE, text
+
+
+def merged(texts: Sequence[str]) -> Iterator[str]:
+    """Yield texts "where: why"; more than a few with one reason are one with their count."""
+    where: dict[str, list[str]] = {}
+    for text in texts:
+        place, _, why = text.partition(": ")
+        where.setdefault(re.sub(r"[0-9.]+", "#", why), []).append(text)
+    for alike in where.values():
+        if len(alike) <= MOST_ALIKE:
+            yield from alike
+            continue
+        place, _, why = alike[0].partition(": ")
+        yield f"{place} and {len(alike) - 1} more: {why}"
 
 
 def _reading_texts(checked: Sequence[CheckedReading]) -> Iterator[tuple[WarningCode, str]]:

@@ -23,6 +23,7 @@ from analysis.statistics import mean, standard_error
 from protocol.base.arrays import FloatArray, IntArray
 
 _SETTLING_S = 0.5
+_SHORT_SETTLINGS_S = (0.01, 0.02, 0.05, 0.1, 0.2)  # proposed where holds are shorter
 _MAX_DAMAGED = 0.20  # share of a window's samples that may be lost or left out
 _MIN_SAMPLES = 5
 NEAR_TARGET_KPA = 3.0  # a hold farther from a step's target is not that step's
@@ -117,6 +118,16 @@ def plateau_table(plateaus: tuple[Plateau, ...]) -> pd.DataFrame:
             row |= {f"s{i}_mv": y, f"s{i}_se_mv": se, f"s{i}_sd_mv": sd, f"s{i}_n": n}
         rows.append(row)
     return pd.DataFrame(rows)
+
+
+def shorter_settling_s(plateaus: tuple[Plateau, ...], settings: PlateauSettings) -> float:
+    """Return a settling time that most holds have room for, s; 0 where they have it, or none would do."""
+    held_s = [p.end_s - p.start_s for p in plateaus]
+    short = [p for p in plateaus if p.void and max(p.n, default=0) < _MIN_SAMPLES and not p.lost and not p.left_out]
+    if not held_s or 2 * len(short) <= len(plateaus):
+        return 0.0
+    fitting = [s for s in _SHORT_SETTLINGS_S if s <= 0.5 * float(np.median(held_s)) and s < settings.settling_s]
+    return max(fitting, default=0.0)
 
 
 def _best_holds(recording: Recording, cycles: Cycles, settings: PlateauSettings) -> list[tuple[int, int]]:

@@ -1,7 +1,8 @@
 """Signals that are no measurement although no flag marks them: clipped at a rail, frozen, dropped out.
 
     frozen     exactly one value while the pressure moves by more than a tenth of its span
-    clipped    the signal's highest or lowest value, held far longer than the signal ever holds another
+    clipped    the signal's highest or lowest value, held far longer than the signal ever holds another; or within
+               three counts of it while the pressure moves by what changes the signal by many before and after
     dropped    a jump away and back, of more than a quarter of the span each, while the pressure does not jump;
                or such a jump of the pressure itself
 
@@ -20,6 +21,8 @@ from protocol.base.arrays import BoolArray, FloatArray, IntArray
 
 FROZEN_SHARE, FROZEN_KPA = 0.1, 1.0  # of the span of the pressure, and what is a movement at all
 CLIPPED_RUN, LONGER = 10, 5  # samples at a rail, and how much longer than the runs at other values
+DITHER_COUNTS, MOVED_SHARE = 3, 0.1  # counts at a rail; share of the span that the pressure moves meanwhile
+STEEPER = 5.0  # how much more the signal changes beside the rail
 DROP_SHARE, _MAX_DROP_OUT = 0.25, 50  # of the signal's span; samples, where the dropped value is not constant
 JUMP_SD = 8.0  # of the signal's usual step from sample to sample: what noise alone does not do
 
@@ -61,7 +64,9 @@ def _faults(y: FloatArray, usable: BoolArray, p: FloatArray) -> dict[str, BoolAr
     moved = np.fmax.reduceat(p, edges) - np.fmin.reduceat(p, edges)
     frozen = np.repeat(moved > max(FROZEN_SHARE * float(np.ptp(p)), FROZEN_KPA), lengths)
     dropped = _dropped(y, p, edges, lengths, float(np.ptp(np.percentile(known, [1, 99])))) & ~frozen
-    return {"dropped_out": dropped, "clipped": _clipped(y, usable & ~dropped, edges, lengths), "frozen": frozen}
+    clipped = _clipped(y, usable & ~dropped, edges, lengths)
+    clipped |= _dithered(y, usable & ~dropped & ~clipped, p)
+    return {"dropped_out": dropped, "clipped": clipped, "frozen": frozen}
 
 
 def _clipped(y: FloatArray, usable: BoolArray, edges: IntArray, lengths: IntArray) -> BoolArray:
@@ -77,6 +82,27 @@ def _clipped(y: FloatArray, usable: BoolArray, edges: IntArray, lengths: IntArra
         long = at_rail & (lengths >= max(CLIPPED_RUN, LONGER * usual))
         if long.any() and usual < CLIPPED_RUN:
             found |= usable & (y == rail)
+    return found
+
+
+def _dithered(y: FloatArray, usable: BoolArray, p: FloatArray) -> BoolArray:
+    """Rows within a few counts of the highest or lowest value, where the pressure moved and the signal did not."""
+    found = np.zeros(y.size, dtype=bool)
+    values = np.unique(y[usable])
+    if not 3 * DITHER_COUNTS < values.size < usable.sum() / 3:
+        return found  # not in counts, or too few of them
+    band, moved_kpa = DITHER_COUNTS * float(np.diff(values).min()), MOVED_SHARE * float(np.ptp(p))
+    for rail in (float(values[0]), float(values[-1])):
+        inside = usable & (np.abs(y - rail) <= 1.001 * band)
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], inside.view(np.int8), [0]])))
+        for first, last in zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True):
+            if last - first < CLIPPED_RUN or np.ptp(p[first : last + 1]) < moved_kpa:
+                continue
+            before = np.flatnonzero(np.abs(p[:first] - p[first]) >= moved_kpa)
+            after = np.flatnonzero(np.abs(p[last + 1 :] - p[last]) >= moved_kpa)
+            ends = [*before[-1:].tolist(), *(last + 1 + after[:1]).tolist()]
+            if any(abs(y[end] - rail) >= STEEPER * band for end in ends):
+                found[first : last + 1] |= inside[first : last + 1]
     return found
 
 

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from analysis.data.recording import Recording
-from analysis.segmentation.cycles import TOLERANCE_KPA
+from analysis.segmentation.cycles import TOLERANCE_KPA, find_cycles
+from analysis.segmentation.plateaus import find_plateaus
 from protocol.base.arrays import BoolArray, FloatArray, IntArray
 from protocol.base.errors import DataError
 
@@ -22,15 +23,17 @@ AWAY, NEAR, _CHANCE, _BINS = 0.1, 0.015, 4.0, 200
 """How far thresholds may move, and how near (sd) a hold disturbs, of the span; they move where more samples are near
 than elsewhere, by so many standard deviations of their numbers; bins in which samples are counted."""
 MIDDLE = (0.30, 0.70)  # share of the stroke where the half width is taken
+AROUND = (0.15, 0.25)  # of the stroke, where branches with few and with many samples begin to be fitted
+FEWEST_IN_BRANCH, MANY_IN_BRANCH = 4, 30  # samples of a branch
 
 
 @dataclass(frozen=True, slots=True)
 class Strokes:
     """Strokes and loop figures; means and sample sds over cycles, in the units of drive and answer.
 
-    `half_width` is half the distance of the answer's mean on the way up and down, over 30 to 70 % of the stroke, where
-    the drive moves faster than `min_speed`; `friction` is that of the drive's mean over 30 to 70 % of the answer's
-    span. NaN below two cycles with a figure.
+    `half_width` is half the distance of the answer on the way up and down at equal drive, over 30 to 70 % of the
+    stroke, where it moves faster than `min_speed`; `friction` is that of the drive at equal answer, over 30 to 70 % of
+    the answer's span. NaN below two cycles with a figure.
     """
 
     up_rows: IntArray
@@ -67,11 +70,12 @@ def find_strokes(time_s: FloatArray, drive: FloatArray, answer: FloatArray, *, m
     troughs = [float(x[a:b].min()) for a, b in _between(down, up)]
     pairs = list(itertools.pairwise(up.tolist()))
     areas = [_shoelace(x[a : b + 1], y[a : b + 1]) for a, b in pairs]
+    ends = tuple(float(v) for v in np.percentile(y, [1, 99]))
+    branches = [_branches(x, a, b) for a, b in pairs]
     speed = np.gradient(x, time) if np.all(np.diff(time) > 0) else np.gradient(x)
-    answer_ends = tuple(float(v) for v in np.percentile(y, [1, 99]))
-    middle, across = _is_middle(x, (low, high)), _is_middle(y, answer_ends)
-    widths = [_half_distance(y, speed, middle, slice(a, b + 1), min_speed) for a, b in pairs]
-    frictions = [_half_distance(x, speed, across, slice(a, b + 1), min_speed) for a, b in pairs]
+    moving = [way * speed > min_speed if min_speed else np.ones(x.size, dtype=bool) for way in (-1.0, 1.0)]
+    widths = [_half_distance(x, y, (low, high), moving, rows) for rows in branches]
+    frictions = [_half_distance(y, x, ends, moving, rows) for rows in branches]
     figures = [s for v in (peaks, troughs, np.diff(time[up]), areas, widths, frictions) for s in _mean_sd(v)]
     return Strokes(up, down, high - low, *figures)
 
@@ -80,14 +84,17 @@ def stroke_figures(recording: Recording, *, min_speed_kpa_per_s: float = 0.0) ->
     """Return the strokes and loops of a run whose drive is the pressure, ready for JSON.
 
     The friction is half the width of a sensor's loop along the pressure, over 30 to 70 % of the signal's span; the half
-    width is the same along the signal, over 30 to 70 % of the pressure's, without samples below the speed given. Raises
-    DataError for fewer than ten usable samples, a held pressure, or a signal that does not move.
+    width is the same along the signal, over 30 to 70 % of the pressure's. Raises DataError for fewer than ten usable
+    samples, a held pressure, a staircase, or a signal that does not move.
     """
     time_s, pressure_kpa = recording.time_s, recording.pressure_kpa
     drive = find_strokes(time_s, pressure_kpa, pressure_kpa)
     if drive.span <= 2.0 * TOLERANCE_KPA:
         moved = f"the pressure moved by {drive.span:.2g} kPa in all, no more than a held pressure may"
         raise DataError(f"{moved}: nothing was driven", "Choose the column that is driven, or check its unit.")
+    if held := find_plateaus(recording, find_cycles(recording)):
+        cause = f"the pressure was held at {len(held)} plateaus: strokes are those of a continuous run"
+        raise DataError(cause, "The figures of a staircase are those of its analysis.")
     sensors = []
     for number in range(recording.n_sensors):
         signal_mv = np.where(recording.usable[:, number], recording.signal_mv[:, number], np.nan)
@@ -148,17 +155,45 @@ def _shoelace(x: FloatArray, y: FloatArray) -> float:
     return 0.5 * abs(float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)))
 
 
-def _is_middle(values: FloatArray, ends: tuple[float, ...]) -> BoolArray:
-    """[n] True over 30 to 70 % of the span between the ends."""
+def _branches(x: FloatArray, first: int, last: int) -> tuple[slice, slice]:
+    """Return the rows going down and up of a cycle from one passing of the upper threshold to the next.
+
+    Peak and trough are the middle of the rows near them: noise, and not the sign of a step, would else decide.
+    """
+    cycle = x[first : last + 1]
+    low, high = float(cycle.min()), float(cycle.max())
+    near = 0.05 * (high - low)
+    trough = first + int(np.median(np.flatnonzero(cycle <= low + near)))
+    before = x[first:trough]
+    peak = first + int(np.median(np.flatnonzero(before >= before.max() - near))) if before.size else first
+    later = x[trough : last + 1]
+    return slice(peak, trough + 1), slice(trough, trough + later.size)
+
+
+def _half_distance(
+    x: FloatArray, y: FloatArray, ends: tuple[float, ...], moving: list[BoolArray], branches: tuple[slice, slice]
+) -> float:
+    """Return half the mean distance of the branches' y at equal x, over 30 to 70 % of the span between the ends.
+
+    Each branch is a polynomial through its samples there and a little around, so that neither the noise of x nor the
+    places of few samples move it.
+    """
     span = ends[1] - ends[0]
-    share = (values - ends[0]) / span if span > 0 else np.full(values.size, np.nan)
-    return np.asarray((share >= MIDDLE[0]) & (share <= MIDDLE[1]), dtype=bool)
-
-
-def _half_distance(values: FloatArray, speed: FloatArray, middle: BoolArray, rows: slice, min_speed: float) -> float:
-    """Half the distance of the means of values while the drive rises and while it falls."""
-    ways = [values[rows][middle[rows] & (sign * speed[rows] > min_speed)] for sign in (1.0, -1.0)]
-    return abs(float(ways[0].mean() - ways[1].mean())) / 2 if all(w.size for w in ways) else float("nan")
+    if span <= 0:
+        return float("nan")
+    curves, places = [], []
+    for rows, fast in zip(branches, moving, strict=True):
+        share = (x[rows] - ends[0]) / span
+        middle = (share >= MIDDLE[0]) & (share <= MIDDLE[1]) & fast[rows]
+        few = middle.sum() < MANY_IN_BRANCH
+        away = AROUND[0] if few else AROUND[1]
+        inside = (share >= away) & (share <= 1.0 - away) & fast[rows]
+        if inside.sum() < FEWEST_IN_BRANCH:
+            return float("nan")
+        curves.append(np.polyfit(2.0 * share[inside] - 1.0, y[rows][inside], 2 if few else 4))
+        places.append(2.0 * (np.linspace(*MIDDLE, 41) if few else share[middle]) - 1.0)
+    at = np.concatenate(places)
+    return 0.5 * abs(float((np.polyval(curves[1], at) - np.polyval(curves[0], at)).mean()))
 
 
 def _mean_sd(values: FloatArray | list[float]) -> tuple[float, float]:

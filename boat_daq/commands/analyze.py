@@ -13,7 +13,6 @@ import typer
 from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show, show_table
 from boat_daq.commands.options import (
     DegreeOption,
-    DeriveOption,
     FidelityOption,
     LeaveOutOption,
     LimitOption,
@@ -52,10 +51,10 @@ def analyze(
     settled_within: Annotated[
         float, typer.Option(min=0.01, metavar="KPA", help="A plateau is settled within this pressure deviation.")
     ] = 1.0,
+    settling: Annotated[float, typer.Option(min=0.0, metavar="S", help="Time of a hold before it is settled.")] = 0.5,
     limit: LimitOption = None,
     type_b: TypeBOption = None,
     leave_out: LeaveOutOption = False,
-    derive: DeriveOption = None,
     no_shadow: NoShadowOption = False,
     no_store: Annotated[bool, typer.Option("--no-store", help="Do not store the result in the recording.")] = False,
     fidelity: FidelityOption = "normal",
@@ -71,6 +70,7 @@ def analyze(
     from analysis.calibration.curve_choice import degree_of
     from analysis.calibration_export.verdict import verdict_of
     from analysis.figures.acceptance import conformity_json
+    from analysis.segmentation.plateaus import shorter_settling_s
     from boat_daq.commands.importing import column_map
     from boat_daq.workflows.calibration_in_force import stated_contributions
     from boat_daq.workflows.run_analysis import with_plugins
@@ -91,11 +91,10 @@ def analyze(
             seed=seed,
             mcmc=not no_mcmc,
             x_resolution_mm=x_resolution,
-            plateau=PlateauSettings(settled_within),
+            plateau=PlateauSettings(settled_within, settling),
             fidelity=fidelity,
             leave_out=leave_out,
             type_b=stated_contributions(recording, type_b),
-            derived=tuple(derive or ()),
         )
         analysis = analyse(recording, elongation, options=options, progress=advance)
     conformity = conformity_json(analysis, limits)
@@ -109,6 +108,8 @@ def analyze(
         added = {"shadow": shadow, "conformity": conformity, "elongation_budget": budgets, "verdict": verdict.as_json()}
         emit_json(analysis.to_json() | added)
         return
+    if settling_s := shorter_settling_s(analysis.plateaus, options.plateau):
+        notify(f"the holds are short; to use them: --settling {settling_s:g}")
     show(verdict.sentence)
     if verdict.readings:
         notify(verdict.check_text)

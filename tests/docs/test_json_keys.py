@@ -70,7 +70,7 @@ def printed(value: Any, path: str = "") -> Iterator[str]:
 
 CASES = [
     ("info RUN", ["info", "RUN"]),
-    ("strokes RUN", ["strokes", "RUN"]),
+    ("strokes RUN", ["strokes", "STROKES"]),
     ("fit FILE.csv --x COL --y COL --bands", ["fit", "TABLE", "--x", "x", "--y", "y", "--bands"]),
     ("metadata RUN", ["metadata", "RUN"]),
     ("profile FILE", ["profile", "TABLE"]),
@@ -148,7 +148,10 @@ def test_the_twin_prints_its_keys_from_calibration_to_hold(tmp_path: Path, monke
 def test_every_promised_key_is_printed(heading: str, call: list[str], tmp_path: Path) -> None:
     table = tmp_path / "table.csv"
     table.write_text("x,y\n-2,1549\n-1,1603\n0,1652\n1,1695\n2,1731\n3,1757\n", encoding="utf-8")
-    files = {"RUN": str(EXAMPLE), "TABLE": str(table), "FILE": str(tmp_path / "c.xml")}
+    strokes = tmp_path / "strokes.csv"
+    rows = [f"{0.02 * k:.2f},{50 * (1 - abs(k % 200 / 100 - 1)):.2f},{1600 + k % 200}" for k in range(1000)]
+    strokes.write_text("\n".join(["time_s,pressure_kpa,s1_mv", *rows, ""]))
+    files = {"RUN": str(EXAMPLE), "STROKES": str(strokes), "TABLE": str(table), "FILE": str(tmp_path / "c.xml")}
     done = CliRunner().invoke(app, [*(files.get(word, word) for word in call), "--json"])
     assert done.exit_code == 0, done.output
     names = set(printed(json.loads(done.stdout)))

@@ -202,29 +202,29 @@ def truth_of(unit: str, plan: Plan, analysis: Analysis | None = None) -> Truth:
 
 
 def _holds(plan: Plan, analysis: Analysis) -> list[Hold]:
-    """Return how long each target of a run was held, from the marks of its steps; empty without them."""
-    from protocol.simulator.truth import Hold
+    """Return how long each level of a run was held, as its measured pressure shows; empty without its marks.
+
+    A command reaches the board later than the mark of its step, at 50 times real time by a second of board time.
+    """
+    from protocol.simulator.truth import Hold, at_target
 
     cycle = (plan.high_kpa, *plan.targets_kpa)
-    low = cycle.index(plan.low_kpa)
-    time_s, used = analysis.recording.time_s, set(analysis.loops.numbers)
-    plateaus = {
-        p.step: p for p in analysis.plateaus if p.step is not None and p.branch and p.cycle in used and not p.void
-    }
-    steps = analysis.recording.steps.sort_values("id")
-    starts, holds, before = steps["started_s"].tolist(), [], 0.0
-    for at, (number, target) in enumerate(zip(steps["id"].tolist(), steps["target_kpa"].tolist(), strict=True)):
-        if at + 1 == len(starts):  # the last step vents
-            break
-        ramp_s, plateau = abs(target - before) / plan.ramp_kpa_per_s, plateaus.get(number)
-        first = last = 0.0
-        place = None
-        if plateau is not None:
-            first, last = (float(time_s[row]) - starts[at] - ramp_s for row in (plateau.settled_first, plateau.last))
-            rising = plateau.branch == "loading" and target not in (plan.high_kpa, plan.low_kpa)
-            place = cycle.index(target, low) if rising else cycle.index(target)
-        holds.append(Hold(target, max(starts[at + 1] - starts[at] - ramp_s, 0.0), first, last, place))
-        before = target
+    low, ends = cycle.index(plan.low_kpa), (plan.high_kpa, plan.low_kpa)
+    target_of = dict(zip(analysis.recording.steps["id"], analysis.recording.steps["target_kpa"], strict=True))
+    time_s, settings = analysis.recording.time_s, analysis.options.plateau
+    used, holds = set(analysis.loops.numbers), []
+    for plateau in analysis.plateaus:
+        target = target_of.get(plateau.step)
+        if target is None or target not in cycle:
+            continue
+        settled_s, last_s = (float(time_s[row]) for row in (plateau.settled_first, plateau.last))
+        entered_s = settled_s - settings.settling_s
+        arrived, left = at_target(entered_s, last_s, settings.tolerance_kpa, plan.ramp_kpa_per_s)
+        rising = plateau.branch == "loading" and target not in ends
+        place = cycle.index(target, low) if rising else cycle.index(target)
+        analysed = plateau.branch and plateau.cycle in used and not plateau.void
+        hold_s = max(left - arrived, 0.0)
+        holds.append(Hold(target, hold_s, min(settled_s - arrived, hold_s), hold_s, place if analysed else None))
     return holds
 
 

@@ -24,6 +24,7 @@ PUMP_NOISE = 0.15  # kPa/s a tick: some 0.03 kPa of ripple in the pressure
 PUMP_REACH_KPA = (-70.0, 90.0)  # the pumps' range
 _OMEGA = 9.0  # rad/s of the regulated pressure
 _DAMPING = 0.6
+RAMP_LAG_S = 2.0 * _DAMPING / _OMEGA  # of the pressure behind a ramped setpoint
 _VENT_S = 0.25  # time constant of the open valve
 _LINE_LEAK_PER_S = 0.002  # share of the pressure lost while the pumps are off
 

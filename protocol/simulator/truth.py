@@ -18,10 +18,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from protocol.base.arrays import FloatArray
-from protocol.simulator.plant import PUMP_NOISE, TICK_S, Body, Pneumatics, Sensors, cubic
+from protocol.simulator.plant import PUMP_NOISE, RAMP_LAG_S, TICK_S, Body, Pneumatics, Sensors, cubic
 from protocol.simulator.specimens import find_specimen
 
 CONTINUOUS = (50.0, -40.0, 50.0)
+_LEAVING_S = 0.1  # from the end of a hold until the pressure shows it
 _RIPPLE_SEED = 0
 _SETTLED_S = 1.0  # after the end of a ramp, as in `analysis`
 
@@ -147,6 +148,11 @@ def truth_figures(
     if staircase:
         p, x, y = (held[-len(cycle_kpa) :] for held in run.holds(min(_SETTLED_S, 0.5 * dwell_s), dwell_s))
     return _figures(unit, p, x, y, [sensor.noise_mv for sensor in model.sensors], staircase=staircase)
+
+
+def at_target(entered_s: float, last_s: float, tolerance_kpa: float, ramp_kpa_per_s: float) -> tuple[float, float]:
+    """Return when the setpoint reached and left a level whose pressure entered a tolerance and was last still then."""
+    return entered_s + tolerance_kpa / ramp_kpa_per_s - RAMP_LAG_S, last_s - _LEAVING_S
 
 
 def truth_of_holds(unit: str, holds: Sequence[Hold], *, ramp_kpa_per_s: float) -> Truth:

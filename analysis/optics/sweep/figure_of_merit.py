@@ -11,7 +11,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special, stats
 
 from protocol.base.arrays import BoolArray, FloatArray, IntArray
 from protocol.base.errors import DataError
@@ -108,6 +107,8 @@ def uncertainty(ndr: FloatArray, sd: FloatArray, floor: float, *, draws: int = _
     draws lie below the P of a design that owes its rank to luck. A design is tied with the best if it is at least as
     good in 2.5 % of the draws. Both take the states as independent.
     """
+    from scipy import stats  # here: the window takes a `Merit` from its helper without SciPy
+
     rng = np.random.default_rng(seed)
     p = merit(ndr, floor).p
     drawn = np.empty((draws, len(ndr)))
@@ -142,6 +143,8 @@ def p_bounds(
 
 
 def _bounds_at(ndr: FloatArray, sd: FloatArray, floor: float, error: float) -> tuple[FloatArray, FloatArray]:
+    from scipy import stats
+
     projector, states = cubic_projector(ndr.shape[-1]), ndr.shape[-1]
     wide = stats.norm.isf(error / 3)
     delta, spread = (ndr @ (projector[0] - projector[-1]), np.sqrt(sd**2 @ (projector[0] - projector[-1]) ** 2))
@@ -165,6 +168,8 @@ def _rmse_bounds(
     own = (spread + 2.0 * along) / np.where(noise > 0, noise + 2.0 * np.maximum(total - noise, 0.0), 1.0)
     variance = np.where(noise > 0, own, 1.0)
     dof, x = noise / variance, total / variance
+    from scipy import special, stats
+
     root, wide = np.sqrt(x), stats.norm.isf(error)
     bounds = []
     for part, sign in ((1.0 - error, -1.0), (error, 1.0)):

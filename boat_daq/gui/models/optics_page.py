@@ -5,6 +5,7 @@ Its plots are the rays of a state, NDR over the states, the maps of P, and the P
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,10 +14,11 @@ import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor
-from PySide6.QtWidgets import QComboBox, QHBoxLayout, QSlider, QWidget
+from PySide6.QtWidgets import QComboBox, QGridLayout, QHBoxLayout, QSlider, QWidget
 
 from analysis.optics.scene.parameters import STATES, STEPS_MM
 from boat_daq.engine.snapshot import SessionSnapshot
+from boat_daq.formatting import number
 from boat_daq.gui import style
 from boat_daq.gui.plotting.axes import fixed_plot, paint_axis
 from boat_daq.gui.plotting.plot import sensor_colour
@@ -27,6 +29,7 @@ from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.gui.widgets.layouts import ReflowingPage, Shares
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.common.tolerance import TypedText
+from boat_daq.viewmodels.live.run_model import UNDER_WAY
 from boat_daq.viewmodels.models.optics import (
     CAVITIES,
     CURVE_NAMES,
@@ -36,6 +39,7 @@ from boat_daq.viewmodels.models.optics import (
     OpticsModel,
     SweepSummary,
 )
+from boat_daq.viewmodels.models.shipped_sweep import shipped_sweep
 from protocol.base.arrays import FloatArray
 
 _COLUMNS = 3  # of maps
@@ -62,23 +66,25 @@ SCENE = (
 RESPONSE = (
     "Points: how many of 250 rays reach the receiver in each state (NDR), or the power of 250 rays, with one standard "
     "deviation. "
-    "Line: the smooth cubic through them (aNDR). Range (\u0394): how much the line falls from compressed to elongated. "
-    "Rises (n_sign): how many of the 14 steps go up instead of down. Roughness (RMSE): the distance of the points "
-    "from the line. Merit: P = \u0394 / (rises \u00d7 roughness)."
+    "Line: the cubic through them (aNDR). Range (\u0394): how much the line falls from compressed to elongated. "
+    "Increases (n_sign): how many of the 14 steps go up instead of down. Rms residual (RMSE): the distance of the "
+    "points from the line. Figure of merit: P = \u0394 / (increases \u00d7 rms residual)."
 )
 MERIT = (
-    "P = range / (rises \u00d7 roughness) of each design, relative to the best: the signal of a good design changes "
-    "strongly, steadily and smoothly over the stroke. Click a cell to show its design."
+    "P = range / (increases \u00d7 rms residual) of each design, relative to the best: the signal of a good design "
+    "changes strongly, steadily and smoothly over the stroke. Click a cell to show its design."
 )
 _FRONT = (
     "Each point is a design: up is a larger range, left is smoother. Filled points are Pareto-optimal: no other design "
-    "is better in range, roughness and rises at once. Click a point to show its design."
+    "is better in range, rms residual and increases at once. Click a point to show its design."
+)
+STRIP = (
+    "Every design of the sweep by falling figure of merit. Filled: designs that cannot be told from the best with so "
+    "many rays. Click a point to show its design."
 )
 FROM_FILE = "file"
-_WHAT_COMES = (
-    "\u201cSweep all designs\u201d simulates 648 designs in 15 states each and maps their merit; "
-    "\u201cOptimise\u201d searches between and beyond them."
-)
+WHAT_COMES = "Press \u201cSweep all designs\u201d to find which of 648 designs is best, and how sure that is."
+RUNNING = "A run is in progress: no rays are traced by themselves until it ends."
 
 
 def designs(sweep: SweepSummary) -> dict[str, Any]:
@@ -86,7 +92,11 @@ def designs(sweep: SweepSummary) -> dict[str, Any]:
     names = ("cavities", "width (mm)", "depth (mm)", "spacing (mm)")
     columns = {name: sweep.values[:, i] for i, name in enumerate(names)}
     found = sweep.merit
-    figures = {"range Delta (rays)": found.delta, "rises n_sign": found.n_sign, "roughness RMSE (rays)": found.rmse}
+    figures = {
+        "range Delta (rays)": found.delta,
+        "increases n_sign": found.n_sign,
+        "rms residual RMSE (rays)": found.rmse,
+    }
     return columns | figures
 
 
@@ -198,7 +208,7 @@ class MapsCard(PlotCard):
     """The maps of P for all widths, as in the paper's figure 3D."""
 
     def __init__(self, model: OpticsModel) -> None:
-        super().__init__("Merit (P)", MERIT)
+        super().__init__("Figure of merit P", MERIT)
         self.model = model
         counts = [(f"{n} cavities", n) for n in CAVITIES]
         self.cavities = widgets.choice("Cavities of the maps", counts, lambda _: self.show_sweep())
@@ -255,7 +265,7 @@ class MapsCard(PlotCard):
     def paint_theme(self, theme: Theme) -> None:
         """Use the colours of `theme`."""
         super().paint_theme(theme)
-        paint_axis(self.scale, "right", theme, "Merit (P), best = 1")
+        paint_axis(self.scale, "right", theme, "P, best = 1")
         for shown in self.maps:
             shown.paint_theme(theme)
         self.show_sweep()
@@ -265,9 +275,9 @@ class ParetoCard(PlotCard):
     """Delta against RMSE of all designs; the front is filled and labelled with n_sign, a click shows a design."""
 
     def __init__(self, model: OpticsModel) -> None:
-        super().__init__("Range against roughness", _FRONT)
+        super().__init__("Range against rms residual", _FRONT)
         self.model = model
-        self.plot = self.add("Range, \u0394", "rays", x_title="Roughness, RMSE", x_unit="rays")
+        self.plot = self.add("Range, \u0394", "rays", x_title="Rms residual", x_unit="rays")
         self.all = self.plot.points("Designs", lambda t: t.target, filled=False, size=5)
         self.front = self.plot.points("Pareto front", lambda t: t.accent)
         self.paper = self.plot.points("Paper's optimum", sensor_colour(2), symbol="d", size=12)
@@ -298,7 +308,7 @@ class ParetoCard(PlotCard):
             layer.set(s.merit.rmse[chosen], s.merit.delta[chosen])
         front = zip(self.front.x, self.front.y, s.merit.n_sign[s.front], strict=True)
         self.numbers.set([(float(x), float(y), str(int(n_sign))) for x, y, n_sign in front])
-        self.readout.setText("\u25cf Pareto-optimal (label: number of rises)   \u25c6 paper's")
+        self.readout.setText("\u25cf Pareto-optimal (label: increases)   \u25c6 paper's")
         self.plot.fit()
         low, high = self.plot.item.getViewBox().viewRange()[1]
         self.plot.y_range(low, high + LABEL_MARGIN * (high - low))
@@ -309,15 +319,62 @@ class ParetoCard(PlotCard):
         return {} if s is None else designs(s) | {"on the front": s.front.astype(int)}
 
 
+class StripCard(PlotCard):
+    """All designs by falling figure of merit: best and paper's marked, those that cannot be told apart filled."""
+
+    def __init__(self, model: OpticsModel) -> None:
+        super().__init__("Designs by figure of merit", STRIP)
+        self.model = model
+        self.plot = self.add("P, best = 1", "", x_title="Place by merit")
+        self.plot.item.setMouseEnabled(False, False)
+        self.tied_band = self.plot.band("Cannot be told from the best, area", lambda t: t.accent)
+        self.others = self.plot.points("Other designs", lambda t: t.target, filled=False, size=4)
+        self.tied = self.plot.points("Cannot be told from the best", lambda t: t.accent, size=4)
+        self.best = self.plot.points("Best", lambda t: t.text, symbol="star", size=14)
+        self.paper = self.plot.points("Paper's", sensor_colour(2), symbol="d", size=12)
+        self.view.scene().sigMouseClicked.connect(self._clicked)
+
+    def _clicked(self, event: Any) -> None:
+        box = self.plot.item.getViewBox()
+        if box.sceneBoundingRect().contains(event.scenePos()):
+            self.model.show_place(round(box.mapSceneToView(event.scenePos()).x()))
+
+    def show_sweep(self) -> None:
+        """Draw the sweep."""
+        s = self.model.sweep
+        self.show_empty("" if s is not None else f"{SWEEP_FIRST}see all designs in their order.")
+        if s is None:
+            self.clear()
+            return
+        order, merit = s.strip()
+        place, tied = np.arange(1.0, len(order) + 1.0), np.asarray(s.tied, dtype=bool)[order]
+        self.tied_band.fill(place[tied], np.zeros(int(tied.sum())), merit[tied])
+        for layer, chosen in (
+            (self.tied, tied), (self.others, ~tied), (self.best, order == s.best), (self.paper, order == s.paper),
+        ):  # fmt: skip
+            layer.set(place[chosen], merit[chosen])
+        self.readout.setText("\u2605 best   \u25c6 paper's   filled: cannot be told from the best")
+        self.plot.x_range(0.0, len(order) + 1.0)
+        self.plot.y_range(0.0, 1.08)
+
+    def columns(self) -> Columns:
+        """Return every design of the sweep with its merit, rank, and whether it can be told from the best."""
+        s = self.model.sweep
+        if s is None:
+            return {}
+        found = {"merit P, best = 1": s.merit.p_normalised, "rank": s.ranks}
+        return designs(s) | found | {"like the best (flags)": np.asarray(s.tied, dtype=int)}
+
+
 class OpticsPage(ReflowingPage):
-    """The optics page."""
+    """The optics page: which design is best and how sure that is, and one design in its states."""
 
     def __init__(self, model: OpticsModel, rays: TypedText, confidence: TypedText, services: Services) -> None:
         super().__init__()
         self.model, self.services = model, services
         self._revision = -1
         self.scene, self.response = SceneCard(), ResponseCard()
-        self.maps, self.pareto = MapsCard(self.model), ParetoCard(self.model)
+        self.strip, self.maps, self.pareto = StripCard(model), MapsCard(model), ParetoCard(model)
         self.slider = QSlider(Qt.Orientation.Horizontal)
         self.slider.setAccessibleName("State, from compressed to elongated")
         self.slider.setRange(0, STATES - 1)
@@ -325,19 +382,48 @@ class OpticsPage(ReflowingPage):
         self.slider.setValue(self.model.state)
         self.slider.valueChanged.connect(self._slide)
         self.first = self.slider
-        head = self._head(rays, confidence)
         states = widgets.row(widgets.label("compressed", "small"), self.slider, widgets.label("elongated", "small"))
-        keep, upper = services.preferences, widgets.holder(widgets.column((self.scene, 1), states, spacing=style.GAP))
-        left = Shares("rays", keep, (upper, 5), (self.response, 4))
-        right = Shares("maps", keep, (self.maps, 5), (self.pareto, 4))
+        keep = services.preferences
+        shown = widgets.holder(widgets.column(self._design(), (self.scene, 1), states, spacing=style.GAP))
+        self.details = widgets.inside(widgets.column(self._details(rays, confidence)))
+        self.details.hide()
+        self.pareto.hide()
+        left = Shares("maps", keep, (self.strip, 2), (self.maps, 5), (self.pareto, 4))
+        right = Shares("rays", keep, (shown, 5), (self.response, 4))
         across = Shares("optics", keep, (left, 1), (right, 1), beside=True)
         layout = widgets.page_layout(self)
-        layout.addWidget(head)
+        layout.addWidget(widgets.card(self._answer(), self.details)[0])
         layout.addWidget(across, 1)
-        self.rows = (across, self.choices)
-        self.tall = (self.scene, self.response, self.maps, self.pareto)
+        self.rows = (across,)
+        self.tall = (self.strip, self.maps, self.scene, self.response)
+        model.show_shipped(shipped_sweep)
 
-    def _head(self, rays: TypedText, confidence: TypedText) -> QWidget:
+    def _answer(self) -> QHBoxLayout:
+        """Return which design is best, the paper's, how sure that is, and the buttons for more."""
+        attempt = self.services.notices.attempt
+        self.best, self.paper = widgets.label("", "subtitle", wrap=True), widgets.label("", wrap=True)
+        self.certainty = widgets.label("", "muted", wrap=True, name="How sure the best design is")
+        self.outcome = widgets.label("", "muted", wrap=True, name="Result of the search")
+        texts = widgets.column(self.best, self.paper, self.certainty, self.outcome)
+        self.sweep_button = widgets.button("Sweep all designs", lambda: attempt(self._sweep), "primary")
+        self.details_button = widgets.button("Details", self._toggle_details, tip="Ranks, subsets, turns, search, rays")
+        self.details_button.setCheckable(True)
+        self.best_button = widgets.button("Show best", self.model.show_best)
+        self.paper_button = widgets.button("Show paper's", self.model.show_paper)
+        shows = widgets.row(self.best_button, self.paper_button)
+        buttons = widgets.column(shows, widgets.row(self.sweep_button, self.details_button))
+        return widgets.row((texts, 1), buttons)
+
+    def _sweep(self) -> None:
+        self.model.toggle_sweep(self.model.more_rays)
+
+    def _toggle_details(self) -> None:
+        shown = self.details_button.isChecked()
+        self.details.setVisible(shown)
+        self.pareto.setVisible(shown)
+
+    def _design(self) -> QWidget:
+        """Return the design that is shown, a labelled choice for each of its values."""
         steps = [(f"{step:g}", step) for step in STEPS_MM]
         counts = [(str(n), n) for n in CAVITIES]
         self.fields = {"cavities": widgets.choice("Number of cavities", counts, self._choose)}
@@ -346,6 +432,11 @@ class OpticsPage(ReflowingPage):
         faces = [(words, face) for face, words in FACE_NAMES.items()]
         tip = "The wall of the light guide with the cavities, or voids on its midline"
         self.face = widgets.choice("Face with the cavities", faces, self._choose, tip=tip)
+        names = ("Cavities", "Width, mm", "Depth, mm", "Spacing, mm", "Face")
+        return widgets.inside(labelled(zip(names, (*self.fields.values(), self.face), strict=True)))
+
+    def _details(self, rays: TypedText, confidence: TypedText) -> QHBoxLayout:
+        """Return the ranks of the sweep, and how it is traced and searched."""
         curves = [*((words, name) for name, words in CURVE_NAMES.items()), ("From a file \u2026", FROM_FILE)]
         tip = "Shape of the actuator's wall in each state: computed, by a formula, or measured"
         self.curves = widgets.choice("Deformation curves", curves, self._choose_curves, tip=tip)
@@ -355,20 +446,18 @@ class OpticsPage(ReflowingPage):
         rankings = [(words, by) for by, words in RANKINGS.items()]
         tip = "Detected rays are counted as in the paper; power includes every reflection and takes five times as long"
         self.by = widgets.choice("Ranking", rankings, self.model.set_by, tip=tip)
-        design = (widgets.label(text, "muted") for text in ("Cavities", "Width, depth, spacing, mm"))
-        cavities, *lengths = self.fields.values()
-        left = widgets.row(next(design), cavities, next(design), *lengths, self.face, None)
-        self.choices = widgets.row((left, 1), widgets.row(self.curves, self.rays, self.by, self.confidence, None))
-        return widgets.card(self.choices, self._actions())[0]
-
-    def _actions(self) -> QHBoxLayout:
-        attempt = self.services.notices.attempt
-        self.outcome = widgets.label("", "muted", wrap=True, name="Results of the sweep and the search")
-        self.show_button = widgets.button("Show it", self.model.show_optimum, name="Show the optimised design")
         tip = "Search width, depth, spacing, count and face beyond the grid, under a minute"
         self.search_button = widgets.button("Optimise", partial(attempt, self.model.toggle_search), tip=tip)
-        self.sweep_button = widgets.button("Sweep all designs", partial(attempt, self.model.toggle_sweep), "primary")
-        return widgets.row((self.outcome, 1), self.show_button, self.search_button, self.sweep_button)
+        self.show_button = widgets.button("Show it", self.model.show_optimum, name="Show the optimised design")
+        self.ranks = widgets.label("", "muted", wrap=True, name="Ranks, turns and errors of the sweep")
+        fields = (
+            ("Shape", self.curves),
+            ("Rays", self.rays),
+            ("Ranking", self.by),
+            ("Race of the search", self.confidence),
+        )
+        settings = widgets.column(labelled(fields), widgets.row(self.search_button, self.show_button, None))
+        return widgets.row((self.ranks, 1), settings)
 
     def _choose(self, _: object) -> None:
         n, width, depth, spacing = (field.currentData() for field in self.fields.values())
@@ -404,23 +493,63 @@ class OpticsPage(ReflowingPage):
         self.rays.follow()
         self.confidence.follow()
         model = self.model
-        if model.result is None and not model.running("optics") and not model.problem:
+        running = snapshot is not None and snapshot.state in UNDER_WAY
+        if model.result is None and not running and not model.running("optics") and not model.problem:
             model.choose(model.values)
-        widgets.set_text(self.sweep_button, "Stop the sweep" if model.running("sweep") else "Sweep all designs")
-        widgets.set_text(self.search_button, "Stop the search" if model.running("optimise") else "Optimise")
+        self._show_buttons()
         if model.running("optics"):
             widgets.set_text(self.response.readout, model.design_text())  # how much is done
         if model.revision == self._revision:
             return
         self._revision = model.revision
         self._show_choices()
-        self.outcome.setText(model.outcome_text() or _WHAT_COMES)
+        self._show_answer()
         self.show_button.setVisible(model.optimum is not None)
         self.scene.show_state(model)
         self.scene.plot.fit()
         self.response.show_result(model)
+        if running and model.result is None and not model.running("optics"):
+            for card in (self.scene, self.response):
+                card.show_empty(RUNNING)
         self.maps.follow_design()
+        self.strip.show_sweep()
         self.pareto.show_sweep()
+
+    def _show_buttons(self) -> None:
+        model = self.model
+        more = f"Trace {number(model.more_rays, 0)} rays" if model.more_rays else "Sweep all designs"
+        widgets.set_text(self.sweep_button, "Stop the sweep" if model.running("sweep") else more)
+        widgets.set_state(self.sweep_button, "" if model.more_rays else "primary", "role")
+        widgets.set_text(self.search_button, "Stop the search" if model.running("optimise") else "Optimise")
+
+    def _show_answer(self) -> None:
+        """Show which design is best, and how sure that is."""
+        model = self.model
+        best, paper = model.best_text(), model.paper_text()
+        self.best.setText(f"Best: {best}" if best else WHAT_COMES)
+        self.paper.setText(f"Paper: {paper}")
+        self.certainty.setText(model.certainty_text())
+        self.outcome.setText(model.outcome_text())
+        self.ranks.setText(model.sweep_text() or "Ranks are shown here once all designs are swept.")
+        for label, shown in (
+            (self.paper, bool(paper)),
+            (self.certainty, bool(best)),
+            (self.outcome, bool(self.outcome.text())),
+        ):
+            label.setVisible(shown)
+        for button, shown in ((self.best_button, bool(best)), (self.paper_button, bool(paper))):
+            button.setVisible(shown)
+
+
+def labelled(fields: Iterable[tuple[str, QWidget]]) -> QGridLayout:
+    """Return fields side by side, each below its name."""
+    grid = QGridLayout()
+    grid.setVerticalSpacing(0)
+    for k, (name, field) in enumerate(fields):
+        grid.addWidget(widgets.label(name, "small"), 0, k)
+        grid.addWidget(field, 1, k)
+    grid.setColumnStretch(grid.columnCount(), 1)
+    return grid
 
 
 def select(field: QComboBox, value: object, text: str) -> None:

@@ -168,7 +168,8 @@ class RepeatPage(QWidget):
         names = [(shown.name, shown) for shown in CYCLE_FIGURES]
         self.figure = widgets.choice("Figure", [*names, ("Loops by cycle", None)], lambda _: self._draw())
         self.drawn = Leaves(self.card, self.loops)
-        self.table = KeyFigures("repeat", services.preferences)
+        self.figures = KeyFigures("repeat", services.preferences)
+        self.table = self.figures.table
         self.break_texts = widgets.label("", "small", wrap=True)
         self.tests = DataTable("Both sides of each interruption compared", BREAK_HEADINGS)
         self.tests.explain(BREAK_TIPS)
@@ -181,7 +182,7 @@ class RepeatPage(QWidget):
         report = widgets.button("Report \u2026", partial(self.services.show, Panel.REPORT))
         parts = self.headline, self.warm_up, None, widgets.label("Figure", "muted"), self.figure, report
         head, _ = widgets.card(widgets.row(*parts), self.known)
-        self.tabs = widgets.tabs("Figures, and the interruptions of the run", (self.table, "Figures"))
+        self.tabs = widgets.tabs("Figures, and the interruptions of the run", (self.figures, "Figures"))
         self.tabs.setTabBarAutoHide(True)
         side, _ = widgets.card((self.tabs, 1))
         sides = Divided("repeat", self.services.preferences, self.drawn, side, SIDE, stacks=True)
@@ -206,7 +207,7 @@ class RepeatPage(QWidget):
             return
         self._draw()
         self._show_breaks(result)
-        self.table.show_figures(result.key_figures, result.figures, [sensor.label for sensor in result.sensors])
+        self.figures.show_figures(result.key_figures, result.figures, [sensor.label for sensor in result.sensors])
 
     def _draw(self) -> None:
         """Draw the chosen figure."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -38,6 +38,7 @@ Values = tuple[int, float, float, float]
 """Cavities, width, depth, spacing (mm) of a design."""
 _GAP = np.full((1, 2), np.nan)
 CAVITIES = (3, 5, 7)
+MORE_RAYS = (1_000, 2_500, 10_000, 25_000, 100_000)  # of the next sweep
 PAPER_DESIGN: Values = (5, 1.0, 0.5, 0.9)
 BY_FIDELITY = 0
 
@@ -123,6 +124,11 @@ class SweepSummary:
     fans: int = 1
     power_text: str = ""
     error_text: str = ""
+
+    def strip(self) -> tuple[IntArray, FloatArray]:
+        """Return the designs by falling figure of merit, as indices, and that figure, best = 1."""
+        order = np.argsort(-self.merit.p_normalised, kind="stable")
+        return order, self.merit.p_normalised[order]
 
     def grid(self, cavities: int, width_mm: float, steps: tuple[float, ...]) -> FloatArray:
         """Return P, best = 1, over [spacing, depth] (mm) for a number of cavities and a width; NaN where unknown."""
@@ -362,6 +368,13 @@ class OpticsModel:
         self._optima: dict[str, Optimum] = {}
         self._shown = self._key()  # of the result
 
+    def show_shipped(self, load: Callable[[], SweepSummary]) -> None:
+        """Show the sweep that ships with the program until another one is made."""
+        key: tuple[str, By] = (next(iter(CURVE_NAMES)), "count")
+        if key not in self._sweeps:
+            self._sweeps[key] = load()
+            self.revision += 1
+
     def running(self, name: str) -> bool:
         """Return whether rays are traced: of one design ("optics"), of a "sweep", or to "optimise"."""
         return self.jobs.get(name) is not None
@@ -484,9 +497,9 @@ class OpticsModel:
             return f"\u25b2 {self.problem}{before}"
         if r is None or self.outdated:
             return self._progress_text() + before
-        m, rises = r.merit, count(int(r.merit.n_sign), "rise")
-        range_, roughness, merit = number(float(m.delta), 1), number(float(m.rmse), 2), number(float(m.p), 2)
-        figures = f"range {range_} rays   {rises}   roughness {roughness}   merit {merit}"
+        m, increases = r.merit, count(int(r.merit.n_sign), "increase")
+        range_, rms, merit = number(float(m.delta), 1), number(float(m.rmse), 2), number(float(m.p), 2)
+        figures = f"range {range_} rays   {increases}   rms residual {rms}   P {merit}"
         greatest = float(np.max(r.error))
         return f"{figures}   points within \u00b1{rounded(greatest, greatest)} (k = 2)"
 
@@ -498,10 +511,63 @@ class OpticsModel:
 
     # ---- the sweep and the search --------------------------------------------------------------------------------
 
-    def toggle_sweep(self) -> None:
-        """Start a sweep over all designs, or stop the running one."""
-        job = Job("Sweeping 9 720 simulations", sweep, CAVITIES, self.swept_rays, self.curves, self.by)
+    def toggle_sweep(self, rays: int | Within = BY_FIDELITY) -> None:
+        """Start a sweep over all designs with this number of rays or the chosen one, or stop the running sweep."""
+        if self.running("sweep"):
+            self.jobs.cancel("sweep")
+            return
+        job = Job("Sweeping 9 720 simulations", sweep, CAVITIES, rays or self.swept_rays, self.curves, self.by)
         self._toggle("sweep", self._sweeps, (self.curves, self.by), job)
+
+    @property
+    def more_rays(self) -> int:
+        """The next larger number of rays of a sweep; 0 without a sweep."""
+        s = self.sweep
+        return 0 if s is None else next((rays for rays in MORE_RAYS if rays > s.rays), 4 * s.rays)
+
+    def best_text(self) -> str:
+        """Return the best design of the sweep."""
+        s = self.sweep
+        return "" if s is None else design_label(tuple(s.values[s.best]))
+
+    def paper_text(self) -> str:
+        """Return the paper's design and its share of the best figure of merit."""
+        s = self.sweep
+        if s is None or s.paper < 0:
+            return ""
+        share = number(100 * float(s.merit.p_normalised[s.paper]), 0)
+        return f"{design_label(tuple(s.values[s.paper]))}   {share} % of the best figure of merit"
+
+    def certainty_text(self) -> str:
+        """Return how many designs cannot be told from the best, and whether the paper's is one of them."""
+        s = self.sweep
+        if s is None:
+            return ""
+        others, rays = int(s.tied.sum()) - 1, f"{number(s.rays, 0)} rays"
+        if others < 1:
+            return f"The best can be told from all other designs with {rays}."
+        among = s.paper >= 0 and s.paper != s.best and bool(s.tied[s.paper])
+        paper = " The paper's is one of them." if among else ""
+        return f"{count(others, 'design')} of {len(s.tied)} cannot be told from the best with {rays}.{paper}"
+
+    def show_best(self) -> None:
+        """Show the best design of the sweep."""
+        if self.sweep is not None:
+            self._show_design(self.sweep, self.sweep.best)
+
+    def show_paper(self) -> None:
+        """Show the paper's design."""
+        self.choose(PAPER_DESIGN, MAPPED_FACE)
+
+    def show_place(self, place: int) -> None:
+        """Show the design at a place of the strip, from 1."""
+        s = self.sweep
+        if s is not None and 1 <= place <= len(s.values):
+            self._show_design(s, int(s.strip()[0][place - 1]))
+
+    def _show_design(self, s: SweepSummary, index: int) -> None:
+        n, width, depth, spacing = (float(v) for v in s.values[index])
+        self.choose((int(n), width, depth, spacing), MAPPED_FACE)
 
     def toggle_search(self) -> None:
         """Start the search beyond the grid, or stop the running one."""
@@ -534,26 +600,22 @@ class OpticsModel:
         return failure.text
 
     def outcome_text(self) -> str:
-        """Return the results of sweep and search in lines, and why one has none."""
+        """Return the result of the search, and why a sweep or search has none."""
         failed = (f"\u25b2 {text}" for text in self.problems.values())
-        return "\n".join(filter(None, (*failed, self.sweep_text(), self.optimum_text())))
+        return "\n".join(filter(None, (*failed, self.optimum_text())))
 
     def sweep_text(self) -> str:
-        """Return the result of the sweep in lines: the best design, the paper's, and the errors of power."""
+        """Return the details of the sweep in lines: its size, the paper's ranks, the turns, and the errors."""
         s = self.sweep
         if s is None:
             return ""
-        paper = ""
+        when = f"in {number(s.seconds, 1)} s" if s.seconds else "(shipped with the program)"
+        lines = [f"{number(s.simulated, 0)} simulations of {number(s.rays, 0)} rays {when}"]
         if s.paper >= 0:
-            merit = number(100 * float(s.merit.p_normalised[s.paper]), 0)
-            turns = f"   {count(s.winners, 'design')} best in one of {s.fans} turns of the fan" if s.fans > 1 else ""
-            paper = f"\npaper's optimum: rank {s.rank_text or s.ranks[s.paper]}, {merit} % of the best merit{turns}"
-        equal = f"{count(int(s.tied.sum()), 'design')} equal within noise"
-        errors = "".join(f"\n{text}" for text in (s.error_text, s.power_text) if text)
-        return (
-            f"{number(s.simulated, 0)} simulations of {number(s.rays, 0)} rays in {number(s.seconds, 1)} s   best: "
-            f"{design_label(tuple(s.values[s.best]))}, {equal}{paper}{errors}"
-        )
+            lines.append(f"Rank of the paper's design: {s.rank_text or s.ranks[s.paper]}")
+        if s.fans > 1:
+            lines.append(f"{count(s.winners, 'design')} best in one of {s.fans} turns of the fan")
+        return "\n".join([*lines, *(text for text in (s.error_text, s.power_text) if text)])
 
     def pick(self, cavities: int, width_mm: float, column: float, row: float) -> None:
         """Show the design of a cell of a map; the maps are of cavities in the outer face."""
@@ -569,7 +631,7 @@ class OpticsModel:
         best = o.best.design
         end = _stopped(finished=o.finished) + race_line(o.race)
         return (
-            f"optimised: {design_label(best.values, 2)}, {best.face} face   {number(o.gain, 2)} times the merit of "
+            f"Optimised: {design_label(best.values, 2)}, {best.face} face   {number(o.gain, 2)} times the merit of "
             f"the grid's best (P on power: {number(o.best.p, 2)} against {number(o.start.p, 2)}; powers of 250 rays "
             f"within \u00b1{rounded(o.error, o.error)}, k = 2, {number(o.checked_rays, 0)} rays a fan){end}"
         )
@@ -596,6 +658,6 @@ def _stopped(*, finished: bool) -> str:
 
 
 def design_label(values: tuple[float, ...], decimals: int = 1) -> str:
-    """Return a design as `5 cavities 1.0 \u00d7 0.5 mm, spacing 0.9 mm`."""
+    """Return a design as `5 cavities, 1.0 \u00d7 0.5 mm, spacing 0.9 mm`."""
     n, (width, depth, spacing) = int(values[0]), (number(v, decimals) for v in values[1:4])
-    return f"{n} cavities {width} \u00d7 {depth} mm, spacing {spacing} mm"
+    return f"{n} cavities, {width} \u00d7 {depth} mm, spacing {spacing} mm"

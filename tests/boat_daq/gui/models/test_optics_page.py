@@ -7,7 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from PySide6.QtCore import QPointF
+from PySide6.QtCore import QPoint, QPointF
+from PySide6.QtWidgets import QLabel
 
 from analysis.fidelity import fidelity
 from analysis.optics.scene.parameters import Design, Light
@@ -123,6 +124,91 @@ def test_search_starts_stops_and_reports_its_gain(page):
     assert (page.fields["width"].currentText(), page.fields["width"].count()) == ("1", 6)
 
 
+def many(tied=3, paper=4):
+    """A sweep of six designs, whose best three cannot be told apart; the paper's at a place from 0."""
+    values = np.array([[7, 0.7, 0.6, 1.0], *([5, 1.0, 0.5, s] for s in (0.5, 0.6, 0.7, 0.8, 1.0))])
+    values[paper] = PAPER_DESIGN
+    p = np.array([1.0, 0.9, 0.8, 0.5, 0.38, 0.1])
+    flags = np.arange(6) < tied
+    found = Merit(*[p] * 6, ~flags, ~flags)
+    return SweepSummary(values, found, flags, flags, 0, paper, np.arange(1, 7), 1.0, 90, 250, "5 (3 to 6)", 2, 7)
+
+
+def test_page_answers_which_design_is_best_and_how_sure_that_is(page):
+    """Best, paper's and those like the best in words; the strip has all designs, the ranks are behind Details."""
+    page.model._sweeps.clear()
+    page.model.revision += 1
+    update(page)
+    assert page.best.text().startswith("Press \u201cSweep all designs\u201d")
+    page.model._sweeps["default", "count"] = many()
+    page.model.revision += 1
+    update(page)
+    assert page.best.text() == "Best: 7 cavities, 0.7 \u00d7 0.6 mm, spacing 1.0 mm"
+    assert page.paper.text().endswith("0.5 mm, spacing 0.9 mm   38 % of the best figure of merit")
+    assert page.certainty.text() == "2 designs of 6 cannot be told from the best with 250 rays."
+    assert page.strip.tied.x.tolist() == [1.0, 2.0, 3.0]
+    assert page.strip.others.x.tolist() == [4.0, 5.0, 6.0]
+    assert (page.strip.best.x.tolist(), page.strip.paper.x.tolist()) == ([1.0], [5.0])
+    assert (page.ranks.isVisible(), page.pareto.isVisible(), page.by.isVisible()) == (False, False, False)
+    page.details_button.click()
+    assert (page.ranks.isVisible(), page.pareto.isVisible(), page.by.isVisible()) == (True, True, True)
+    assert "5 (3 to 6)" in page.ranks.text()
+    assert "2 designs best in one of 7 turns" in page.ranks.text()
+    page.best_button.click()
+    assert page.model.values == (7, 0.7, 0.6, 1.0)
+    page.model.show_place(5)
+    assert page.model.values == PAPER_DESIGN
+    page.model._sweeps["default", "count"] = many(tied=5)
+    assert page.model.certainty_text().endswith("with 250 rays. The paper's is one of them.")
+    page.model._sweeps["default", "count"] = many(tied=1)
+    assert page.model.certainty_text() == "The best can be told from all other designs with 250 rays."
+
+
+def test_one_button_traces_more_rays(page):
+    """Of 250 rays to 1 000, and on; it stops the sweep that runs."""
+    page.model._sweeps["default", "count"] = many()
+    page.model.revision += 1
+    update(page)
+    assert page.sweep_button.text() == "Trace 1\u2009000 rays"
+    page.sweep_button.click()
+    assert FakeJob.made[-1].args[1] == 1000
+    update(page)
+    assert page.sweep_button.text() == "Stop the sweep"
+    page.sweep_button.click()
+    update(page)
+    assert page.sweep_button.text() == "Trace 1\u2009000 rays"
+    page.model._sweeps["default", "count"] = dataclasses.replace(many(), rays=5000)
+    assert page.model.more_rays == 10_000
+
+
+def test_every_selector_has_its_name_above(page):
+    """Nine fields had no name."""
+    page.details_button.click()
+    fields = (*page.fields.values(), page.face, page.curves, page.rays, page.by, page.confidence)
+    names = [label for label in page.findChildren(QLabel) if label.isVisible() and label.text()]
+    for field in fields:
+        corner = field.mapTo(page, QPoint(0, 0))
+        above = [n for n in names if abs(n.mapTo(page, QPoint(0, 0)).x() - corner.x()) <= 2]
+        assert any(0 <= corner.y() - n.mapTo(page, n.rect().bottomLeft()).y() <= 8 for n in above), (
+            field.accessibleName()
+        )
+
+
+def test_nothing_is_traced_by_itself_during_a_run(qtbot, app_model, monkeypatch):  # noqa: F811 - the fixture above
+    """Opening the page in a run took the processor from the reader; the page says why it is empty."""
+    from boat_daq.gui.models.optics_page import OpticsPage
+
+    FakeJob.made = []
+    monkeypatch.setattr(optics, "Job", FakeJob)
+    shown = OpticsPage(app_model.optics, app_model.rays, app_model.confidence, app_model.services)
+    qtbot.addWidget(shown)
+    shown.refresh(SessionSnapshot(SessionState.RUNNING, LinkState.UP))
+    assert FakeJob.made == []
+    assert "A run is in progress" in shown.scene.empty_text.text()
+    shown.refresh(SessionSnapshot(SessionState.IDLE, LinkState.UP))
+    assert len(FakeJob.made) == 1
+
+
 def test_value_not_offered_is_listed_last_while_selected(page):
     """Selecting off and on again leaves the offer as it was."""
     field = page.fields["depth"]
@@ -166,6 +252,7 @@ def test_late_trace_is_not_shown_for_another_design(page):
 
 def test_click_on_map_or_front_shows_the_design(page):
     """The cell under the mouse in the map of its width; the nearest design in the plot of the front."""
+    page.model._sweeps.clear()
     page.sweep_button.click()
     assert FakeJob.made[-1].args == ((3, 5, 7), NORMAL.ranking_rays, "default", "count")
     FakeJob.made[-1].bring(swept())
@@ -205,11 +292,11 @@ def test_ranking_by_power_is_another_sweep_and_another_trace(page):
     assert FakeJob.made[-1].args[-1] == "power"
     FakeJob.made[-1].bring(dataclasses.replace(swept(), power_text="by power: 2 % not followed"))
     update(page)
-    assert "2 % not followed" in page.outcome.text()
+    assert "2 % not followed" in page.ranks.text()
     page.model.set_by("count")
     update(page)
     assert page.model.sweep is not None
-    assert "not followed" not in page.outcome.text()
+    assert "not followed" not in page.ranks.text()
 
 
 def test_slider_selects_states_without_tracing(page):
@@ -237,7 +324,7 @@ def test_answers_state_their_errors_and_rays(page):
     page.sweep_button.click()
     FakeJob.made[-1].bring(dataclasses.replace(swept(), error_text="counts of 250 rays within 7.8"))
     update(page)
-    assert "counts of 250 rays within 7.8" in page.outcome.text()
+    assert "counts of 250 rays within 7.8" in page.ranks.text()
 
 
 def test_design_before_is_shown_faded_until_the_new_one_is_traced(page):
@@ -340,8 +427,12 @@ def test_empty_plots_show_what_will_be_there(live, monkeypatch):
     monkeypatch.setattr(live.model.optics, "choose", lambda *_: None)
     live.go("Optics")
     page = live.pages["Optics"]
+    page.details_button.click()
+    live.model.optics._sweeps.clear()
+    for card in (page.strip, page.pareto):
+        card.show_sweep()
     page.response.show_result(live.model.optics)
-    for card in (page.scene, page.response, page.pareto):
+    for card in (page.scene, page.response, page.strip, page.pareto):
         assert not card.view.isVisible()
         assert "design" in card.empty_text.text()
     page.response.show_empty("")

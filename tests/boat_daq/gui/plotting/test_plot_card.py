@@ -27,8 +27,8 @@ from tests.boat_daq.viewmodels.models.reports import swept as mapped
 KINDS = ("png", "svg", "csv")
 UNIT = re.compile(r"\([^()]+\)$|_(s|kpa|mv|mm)$|, best = 1$")
 NUMBERS = re.compile(  # what is counted, ranked or a message has no unit
-    r"(Cycle|Calibration|cycle|cavities|rank|rises n_sign|on the front|setting|marks|state|flags|segment|index|s\d_lit"
-    r"|s\d_dark|map|outcome|message|x|y|x is|y is|error|unit of the error)$"
+    r"(Cycle|Calibration|cycle|cavities|rank|increases n_sign|on the front|setting|marks|state|flags|segment|index"
+    r"|s\d_lit|s\d_dark|map|outcome|message|x|y|x is|y is|error|unit of the error)$"
 )
 SVG = "{http://www.w3.org/2000/svg}"
 SHOWN = {

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from analysis.optics.sweep.figure_of_merit import Merit
 from boat_daq.viewmodels.common.notices import Notices
-from boat_daq.viewmodels.models.optics import OpticsModel, SweepSummary
+from boat_daq.viewmodels.models.optics import CAVITIES, PAPER_DESIGN, OpticsModel, SweepSummary, sweep
+from boat_daq.viewmodels.models.shipped_sweep import SHIPPED, shipped_sweep, store_sweep
 from boat_daq.workflows.jobs import JobRunner
 
 
@@ -30,3 +32,26 @@ def test_map_holds_each_design_in_its_cell():
     assert grid[4, 0] == 0.3
     assert grid[0, 5] == 0.7
     assert np.isnan(grid).sum() == 34
+
+
+def test_shipped_sweep_holds_every_design_with_its_figures(tmp_path):
+    """Truth: P = Delta / (max(n_sign, 1) RMSE), the ranks by it, the paper's grid; stored again it is the same file."""
+    shipped = shipped_sweep()
+    m = shipped.merit
+    assert len(np.unique(shipped.values, axis=0)) == len(shipped.values) == 648
+    assert m.p == pytest.approx(m.delta / (np.maximum(m.n_sign, 1.0) * m.rmse), rel=1e-5)
+    assert shipped.ranks[np.argsort(-m.p)].tolist() == sorted(shipped.ranks)
+    assert tuple(shipped.values[shipped.paper]) == PAPER_DESIGN
+    assert shipped.tied[shipped.best]
+    store_sweep(shipped, tmp_path / "again.json")
+    again = (tmp_path / "again.json").read_text()
+    assert again == SHIPPED.read_text()
+
+
+@pytest.mark.nightly
+def test_shipped_sweep_is_what_a_sweep_gives_now():
+    """648 designs in 15 states with the paper's 250 rays."""
+    now, shipped = sweep(CAVITIES, 250), shipped_sweep()
+    assert now.merit.p == pytest.approx(shipped.merit.p, rel=1e-5)
+    assert (now.tied == shipped.tied).all()
+    assert (now.rank_text, now.winners) == (shipped.rank_text, shipped.winners)

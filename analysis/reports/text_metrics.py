@@ -1,21 +1,19 @@
-"""Fonts that hold a text's characters, what of it can be printed, and how wide it is, in inches and points.
+"""Fonts that hold a text's characters, and what of it can be printed.
 
 Names of people and units are written in any script: the report's own font is used where it has all characters, with
 the fonts of other scripts on this computer behind it; a character that no font has, or that PDF/A forbids, is set as
-the replacement character. Widths are measured with the font itself.
+the replacement character.
 """
 
 from __future__ import annotations
 
 import re
 import unicodedata
-from functools import cache, lru_cache
+from functools import cache
 from pathlib import Path
 
 from matplotlib import font_manager
-from matplotlib.font_manager import FontProperties
 from matplotlib.ft2font import FT2Font
-from matplotlib.textpath import TextToPath
 
 from analysis import figure_style as style
 
@@ -73,11 +71,3 @@ def _printable(character: str) -> str:
     if unicodedata.category(character) in FORBIDDEN or _font_of(character) is None:
         return REPLACEMENT
     return character
-
-
-@lru_cache(maxsize=20_000)
-def width_of(text: str, size: float, weight: str = "normal") -> float:
-    """Width of a line, in inches."""
-    needed = families(text)
-    font = FontProperties(family=list(needed), size=size, weight=weight if len(needed) == 1 else "normal")
-    return float(TextToPath().get_text_width_height_descent(printable(text), font, ismath=False)[0]) / 72.0

@@ -101,6 +101,7 @@ LIVE_PLOTS_MINIMUM = 88
 HEADING_LEAST = 72
 REMARKS_MOST = 84  # words under the figures; more of them scroll
 FIGURES_LEAST = 280  # below it the table of figures scrolls
+STRIP_PLOT_HEIGHT = 184  # of all designs by merit; the map below it gets the rest
 ROW_LEAST = 64  # of a live plot; where not all are so high, a choice shows some
 ROW_LOW = 120  # the same in a low window, where few are read well
 FORM_WIDTH = 560

@@ -29,6 +29,7 @@ from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.gui.widgets.layouts import ReflowingPage, Shares
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.common.tolerance import TypedText
+from boat_daq.viewmodels.live import axis
 from boat_daq.viewmodels.live.run_model import UNDER_WAY
 from boat_daq.viewmodels.models.optics import (
     CAVITIES,
@@ -46,6 +47,7 @@ _COLUMNS = 3  # of maps
 SHADES = 64
 SCALE_WIDTH = 68
 ON_GRID_MM = 1e-6
+_STRIP_MARGIN = 0.02  # of the strip, for the marks at its ends
 LABEL_MARGIN = 0.1  # of the height, over the highest point
 RAYS_TIP = (
     "Any number of rays, or any error (of 250 rays, 95 %), as \u00b12 rays, which takes as many as it needs, in "
@@ -333,6 +335,7 @@ class StripCard(PlotCard):
         self.best = self.plot.points("Best", lambda t: t.text, symbol="star", size=14)
         self.paper = self.plot.points("Paper's", sensor_colour(2), symbol="d", size=12)
         self.view.scene().sigMouseClicked.connect(self._clicked)
+        self.setMaximumHeight(style.STRIP_PLOT_HEIGHT)
 
     def _clicked(self, event: Any) -> None:
         box = self.plot.item.getViewBox()
@@ -354,8 +357,8 @@ class StripCard(PlotCard):
         ):  # fmt: skip
             layer.set(place[chosen], merit[chosen])
         self.readout.setText("\u2605 best   \u25c6 paper's   filled: cannot be told from the best")
-        self.plot.x_range(0.0, len(order) + 1.0)
-        self.plot.y_range(0.0, 1.08)
+        self.plot.x_range(*axis.padded(1.0, float(len(order)), _STRIP_MARGIN))
+        self.plot.y_range(min(0.0, float(merit.min())) - _STRIP_MARGIN, 1.0 + 4 * _STRIP_MARGIN)
 
     def columns(self) -> Columns:
         """Return every design of the sweep with its merit, rank, and whether it can be told from the best."""
@@ -395,7 +398,7 @@ class OpticsPage(ReflowingPage):
         layout.addWidget(widgets.card(self._answer(), self.details)[0])
         layout.addWidget(across, 1)
         self.rows = (across,)
-        self.tall = (self.strip, self.maps, self.scene, self.response)
+        self.tall = (self.maps, self.scene, self.response)
         model.show_shipped(shipped_sweep)
 
     def _answer(self) -> QHBoxLayout:
@@ -421,6 +424,7 @@ class OpticsPage(ReflowingPage):
         shown = self.details_button.isChecked()
         self.details.setVisible(shown)
         self.pareto.setVisible(shown)
+        self.strip.setVisible(not shown)
 
     def _design(self) -> QWidget:
         """Return the design that is shown, a labelled choice for each of its values."""

@@ -26,8 +26,9 @@ ALARM_HEADINGS = ("What", "Since", "Found", "False alarm once in", "Seen in")
 NO_CYCLES = "Start a plan: each cycle is shown here as a point. The unit needs an accepted calibration."
 _CYCLES = "One figure of each cycle of the run; a drift shows a change of the actuator."
 NOMINAL = (
-    "Nominal: a healthy actuator of this design, computed by the shadow (a finite-element model); its band includes "
-    "about 95 % of them (k = 2) and their hysteresis. Measured: this unit in the last minute, by its calibration."
+    "Model: a healthy actuator of this design, computed by finite elements; its band includes about 95 % of them "
+    "(k = 2) and their hysteresis. The numerical error is that of the computation alone. Measured: this unit in the "
+    "last minute, by its calibration."
 )
 
 
@@ -37,8 +38,8 @@ class NominalCard(PlotCard):
     def __init__(self) -> None:
         super().__init__("Elongation over pressure", NOMINAL)
         self.plot = self.add("Elongation", "mm", x_title="Pressure", x_unit="kPa")
-        self.band = self.plot.band("Nominal band", lambda t: t.target)
-        self.nominal = self.plot.curve("Nominal", lambda t: t.target, pen_style=Qt.PenStyle.DashLine)
+        self.band = self.plot.band("Model, band", lambda t: t.target)
+        self.nominal = self.plot.curve("Model", lambda t: t.target, pen_style=Qt.PenStyle.DashLine)
         self.trace = self.plot.curve("Measured", lambda t: t.elongation, gaps=True)
         self.plot.x_range(*PRESSURES_KPA)
         self.plot.y_range(-5.0, 5.0)
@@ -60,8 +61,8 @@ class NominalCard(PlotCard):
             self._framed = True
             self.plot.fit()
         self.trace.set(*model.trace())
-        head = f"\u25b2 {model.problem}" if model.problem else "- - nominal with its band   — measured, last minute"
-        self.readout.setText(f"{head}   model \u00b1{1e3 * model.error_mm:.2g} \u00b5m")
+        head = f"\u25b2 {model.problem}" if model.problem else "- - model with its band   — measured, last minute"
+        self.readout.setText(f"{head}   numerical error {1e3 * model.error_mm:.1g} \u00b5m")
 
 
 class CyclesCard(PlotCard):

@@ -100,10 +100,7 @@ class ShadowView(QWidget):
             return
         self._elements(painter, self.picture)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
-        for colour, width in ((self.theme.surface, HALO), (self.theme.text, GUIDE)):
-            self._pen(painter, colour, width)
-            for guide in self.picture.guides:
-                painter.drawPolyline(_polygon(guide))
+        self._guides(painter, self.picture)
         painter.setBrush(QColor(self.theme.surface))
         dot = DOT / painter.transform().m11() / 2
         for x, z in self.picture.tracked:
@@ -115,6 +112,15 @@ class ShadowView(QWidget):
         self._scale(painter)
         self._legend(painter)
         painter.end()
+
+    def _guides(self, painter: QPainter, picture: ShadowPicture) -> None:
+        """Draw the light guides between base and tip, without the end pieces in the holders beyond."""
+        painter.setClipRect(QRectF(VIEW_MM.left(), 0.0, VIEW_MM.width(), float(picture.corners[..., 1].max())))
+        for colour, width in ((self.theme.surface, HALO), (self.theme.text, GUIDE)):
+            self._pen(painter, colour, width)
+            for guide in picture.guides:
+                painter.drawPolyline(_polygon(guide))
+        painter.setClipping(False)
 
     def _rest(self, painter: QPainter, picture: ShadowPicture) -> None:
         """Draw the outline at rest on the fixed base."""
@@ -128,7 +134,7 @@ class ShadowView(QWidget):
         """Name the lines and points above the scale, in two rows."""
         solid, dash, t = Qt.PenStyle.SolidLine, Qt.PenStyle.DashLine, self.theme
         entries = (
-            ("measured", t.elongation, 3, solid), ("nominal", t.target, 3, dash), ("at rest", t.muted, 1, dash),
+            ("measured", t.elongation, 3, solid), ("model", t.target, 3, dash), ("at rest", t.muted, 1, dash),
             ("guides", t.text, GUIDE, solid), ("points", t.text, 0, solid),
         )  # fmt: skip
         x, y = style.GAP, self.height() - style.CONTROL_HEIGHT - 2 * LEGEND_LINE + LEGEND_LINE // 2

@@ -284,7 +284,7 @@ class ShadowLive:
             text = f"\u25b2 not drawn: outside the reduced model ({self.model.table.rectangle})"
             return (*lines, ("Shadow", text.replace("-", MINUS), "warning"))
         (nominal,), (half,) = (value.tolist() for value in self._nominal(self.model, np.array([place[0]])))
-        lines.append(("Nominal", in_units(self._live.units, "mm", nominal, 2, band=half), ""))
+        lines.append(("Model", in_units(self._live.units, "mm", nominal, 2, band=half), ""))
         deviation = now.measured - nominal
         if math.isfinite(deviation):
             band = LOOP_HALF_WIDTH_MM + math.hypot(half - LOOP_HALF_WIDTH_MM, now.expanded)
@@ -310,7 +310,7 @@ def _step(value: float, step: float) -> int | None:
 def _measured_lines(now: Moment, units: ShownUnits) -> tuple[tuple[str, str, str], ...]:
     if not math.isfinite(now.pressure):
         return (("Measured", "no data: drawn at rest", ""),)
-    text, state = "not calibrated: nominal drawn", ""
+    text, state = "no calibration: model shown", ""
     if math.isfinite(now.measured):
         text = in_units(units, "mm", now.measured, 2, band=now.expanded)
     elif now.calibrated:
@@ -341,8 +341,8 @@ class Series:
 
 
 SERIES = {
-    "deviation": Series("Deviation from nominal", "Deviation", "mm", 0.1, lambda m: m.deviation_mm),
-    "gain": Series("Elongation, share of nominal", "Share", "%", 2.0, lambda m: 100.0 * m.figures.gain),
+    "deviation": Series("Deviation from the model", "Deviation", "mm", 0.1, lambda m: m.deviation_mm),
+    "gain": Series("Elongation, share of the model's", "Share", "%", 2.0, lambda m: 100.0 * m.figures.gain),
     "loss": Series("Leak, change", "Leak", "%/min", 10.0, lambda m: m.figures.loss_percent_per_min, change=True),
     "difference": Series("Sensor 1 \u2212 sensor 2", "Difference", "mm", 0.1, lambda m: m.figures.difference_mm),
 }

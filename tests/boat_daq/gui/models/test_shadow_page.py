@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from PySide6.QtCore import QPointF
+from PySide6.QtGui import QColor
 
 from analysis.shadow.monitoring.monitor import Alarm, CycleFigures
 from boat_daq.gui import style
-from boat_daq.viewmodels.live.shadow_live import CycleMark
+from boat_daq.gui.plotting.shadow_pane import ShadowView
+from boat_daq.viewmodels.live.shadow_live import CycleMark, ShadowPicture
 from protocol.base.errors import DataError
 from tests.boat_daq.gui.models.test_tradeoff_page import app_model  # noqa: F401 - a fixture
 
@@ -58,7 +62,7 @@ def test_nominal_curve_is_drawn_again_with_another_table(page, app_model):  # no
     shadow.problem = "the disk is full. Free some space."
     page.nominal.show_model(shadow)
     assert page.nominal.readout.text().startswith(f"\u25b2 {shadow.problem}")
-    assert page.nominal.readout.text().endswith("model \u00b10.08 \u00b5m")
+    assert page.nominal.readout.text().endswith("numerical error 0.08 \u00b5m")
     shadow.model = None  # it draws no actuator
 
 
@@ -152,3 +156,24 @@ def test_legend_of_the_shadow_is_in_the_picture(live, theme):
         shown = {image.pixelColor(x, y).name() for x in range(image.width()) for y in range(top, image.height())}
         assert marks <= shown
         assert bool(marks) or shown == {theme.surface}
+
+
+def test_guides_end_at_the_base_and_at_the_tip(qtbot):
+    """Their end pieces are in the holders: drawn, they crossed the base line unexplained."""
+    view = ShadowView()
+    qtbot.addWidget(view)
+    view.resize(300, 500)
+    view.paint_theme(style.LIGHT)
+    guide = np.array([[10.0, -12.0], [10.0, 88.0]])
+    box = np.array([[-28.0, 0.0], [28.0, 0.0], [28.0, 76.0], [-28.0, 76.0]])
+    view.show_picture(
+        ShadowPicture(box, box[None], np.zeros(1, np.int64), guide[None], np.zeros((0, 2)), math.nan, 1.0)
+    )
+    view.show()
+    image, place = view.grab().toImage(), view._transform()
+
+    def dark(z):
+        at = place.map(QPointF(10.0, z)).toPoint()
+        return any(image.pixelColor(at.x() + dx, at.y()) == QColor(style.LIGHT.text) for dx in (-1, 0, 1))
+
+    assert [dark(z) for z in (-8.0, -3.0, 20.0, 60.0, 82.0)] == [False, False, True, True, False]

@@ -47,7 +47,7 @@ def test_state_is_at_the_measured_elongation(ring, model):
     assert expanded == pytest.approx(0.3)
     nominal = float(model.table.nominal_elongation(np.array(pressure))[0])
     lines = {name: value for name, value, _ in pane.lines()}
-    assert lines["Nominal"].startswith(f"{number(nominal, 2, sign=True)} \u00b1")
+    assert lines["Model"].startswith(f"{number(nominal, 2, sign=True)} \u00b1")
     assert lines["Measured"] == f"{number(measured, 2, sign=True)} \u00b10.30 mm"
 
 
@@ -56,7 +56,7 @@ def test_nominal_actuator_is_drawn_without_a_calibration(ring, model):
     pane = pane_on(ring, model, None)
     picture = pane.picture()
     assert np.isnan(picture.measured_mm)
-    assert pane.lines()[0][1] == "not calibrated: nominal drawn"
+    assert pane.lines()[0][1] == "no calibration: model shown"
     assert picture.corners[..., 1].max() == pytest.approx(75.0 + picture.nominal_mm, abs=0.02)
 
 

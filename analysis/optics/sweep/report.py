@@ -366,24 +366,10 @@ def _write_table(result: SweepResult, path: Path) -> None:
 
 
 @style.styled
-def draw_race(race: Race, by: By) -> Figure:
-    """Draw the bounds of P of every design beside its rays, and the candidates left against the work."""
-    figure = Figure(figsize=(9.0, 3.9), layout="constrained")
-    bounds, cost = figure.subplots(1, 2)
-    rng, traced = np.random.default_rng(0), race.level > 0
-    left = race.left
-    rays = np.array(race.rays)[race.level - 1] * np.exp(rng.uniform(-0.45, 0.45, race.level.size))
-    for chosen, colour, name in ((~left, style.SOFT, "eliminated"), (left & traced, VERMILLION, "may be the best")):
-        p = race.p[chosen]
-        span = np.stack([p - race.low[chosen], race.high[chosen] - p])
-        bounds.errorbar(
-            rays[chosen], p, yerr=np.maximum(span, 0.0), fmt="o", markersize=3, linewidth=0.5,
-            color=colour, label=name,
-        )  # fmt: skip
-    bounds.axhline(float(np.max(race.low)), color=BLUE, linewidth=0.9, label="greatest lower bound")
-    bounds.set(xscale="log", xlabel="rays of the design in each state", ylabel=f"P by {by}", title="bounds of P")
-    bounds.set_yscale("symlog", linthresh=1.0)
-    bounds.legend(loc="lower right")
+def draw_race(race: Race) -> Figure:
+    """Draw the designs that may be the best against the work so far, beside equal precision for all."""
+    figure = _figure(5.6, 3.9)
+    cost = figure.subplots()
     work, candidates = np.array([(0, len(race.designs)), *race.history], dtype=float).T
     cost.step(work, candidates, where="post", color=VERMILLION, label="race")
     cost.step([0.0, race.equal_work, race.equal_work], [len(race.designs), len(race.designs), candidates[-1]],
@@ -392,7 +378,7 @@ def draw_race(race: Race, by: By) -> Figure:
     cost.set_xscale("symlog", linthresh=float(race.history[0][0]))
     cost.set_yscale("log")
     cost.set_title(f"{times_fewer(race.saving)} rays")
-    cost.legend()
+    cost.legend(loc="lower left")
     return figure
 
 
@@ -400,7 +386,7 @@ def write_race(race: Race, by: By, folder: Path) -> list[Path]:
     """Write `race.json` and the chart (PNG and SVG) into a folder; returns the paths."""
     paths = [folder / "race.json"]
     write_whole(paths[0], json.dumps(finite(race_json(race, by)), indent=1))
-    figure = draw_race(race, by)
+    figure = draw_race(race)
     for suffix in (".png", ".svg"):
         paths.append(folder / f"race{suffix}")
         save(figure, paths[-1])

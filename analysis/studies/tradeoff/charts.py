@@ -29,7 +29,6 @@ from analysis.studies.tradeoff.measure import MARGIN, CostPoint, Measured, part_
 from protocol.base.whole_file import written_whole
 
 DATA, _DEFAULT, CHOSEN, _REFUSED = style.SENSOR_COLOURS[0], style.SENSOR_COLOURS[1], style.PRESSURE_COLOUR, style.SOFT
-_COLUMNS = 3
 DOT_PT, CROSS_PT, RING_PT, SQUARE_PT = 5.0, 6.0, 12.0, 16.0
 OVERVIEW_DPI = 88
 _FRONT, _CHOICE = "front: least error for the time", "the rule's choice"
@@ -52,21 +51,53 @@ def method_chart(measured: Measured, where: str) -> Figure:
     return figure
 
 
+_TIMES = {1e-6: "1 µs", 1e-3: "1 ms", 0.1: "0.1 s\na blink", 1.0: "1 s", 60.0: "1 min"}
+_MOST_SHOWN, _PAPER = 100.0, "250 rays"
+
+
 def overview_chart(results: Sequence[Measured], where: str) -> Figure:
-    """Draw all methods, one small chart each."""
-    rows = math.ceil(len(results) / _COLUMNS)
-    figure = Figure(figsize=(4.0 * _COLUMNS, 3.1 * rows + 0.5), layout="constrained")
-    grid = figure.subplots(rows, _COLUMNS, squeeze=False).ravel()
-    for axes, measured in zip(grid, results, strict=False):
-        _draw(axes, measured, margin=0.14)
-    for axes in grid[len(results) :]:
-        axes.set_axis_off()
-    entries: dict[str, Any] = {}
-    for axes in grid[: len(results)]:
-        entries |= {name: handle for handle, name in zip(*axes.get_legend_handles_labels(), strict=True)}
-    figure.legend(list(entries.values()), list(entries), loc="outside upper center", ncols=len(entries), fontsize=7.5)
+    """Draw all methods in one plane: time on this computer, and error over the tolerance of its use.
+
+    Each method is the front of its settings; what is below 1 nobody notices. Its default is numbered.
+    """
+    figure = Figure(figsize=(12.0, 6.0), layout="constrained")
+    axes = figure.subplots()
+    axes.axhline(1.0, color=style.INK, lw=1.2)
+    axes.text(1.0, 1.1, "noticeable ", transform=axes.get_yaxis_transform(), ha="right", fontsize=9)
+    lowest, names = 10.0**-DECADES_BELOW, list[str]()
+    for number, measured in enumerate(sorted(results, key=_default_s), 1):
+        colour, method = style.SENSOR_COLOURS[number % len(style.SENSOR_COLOURS)], measured.method
+        points = {p.setting: p for p in measured.points if math.isfinite(p.error)}
+        at = {k: (p.cpu_seconds, max(p.error / method.tolerance, lowest)) for k, p in points.items()}
+        front = [at[name] for name in measured.front if name in at]
+        if front:
+            axes.plot(*zip(*front, strict=True), "-", color=colour, lw=0.9, alpha=0.7, drawstyle="steps-post")
+        if method.default in at:
+            axes.plot(*at[method.default], "o", color=colour, ms=15)
+            axes.annotate(str(number), at[method.default], color="white", fontsize=8, ha="center", va="center_baseline")
+            names.append(f"{number}  {method.title}: {method.default}, for {method.per}")
+        if method.default.endswith("rays") and method.default != _PAPER and _PAPER in at:
+            axes.plot(*at[_PAPER], "o", mfc="none", mec=colour, ms=9)
+            axes.annotate(f"{number}: {_PAPER}", at[_PAPER], xytext=(8, 4), textcoords="offset points", fontsize=8)
+    axes.set(xscale="log", yscale="log", ylim=(lowest / 2.0, _MOST_SHOWN))
+    axes.set(xlabel="processor time of one call", ylabel="error / tolerance of its use")
+    axes.set_xticks(list(_TIMES), list(_TIMES.values()))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    names += [
+        "",
+        f"rings: the paper's {_PAPER}, as",
+        "optics sweep without --fidelity",
+        f"below {lowest:.0e}: drawn there",
+    ]
+    axes.text(1.02, 1.0, "\n".join(names), transform=axes.transAxes, fontsize=8, va="top", linespacing=1.5)
+    axes.set_title("Numbered: the program's defaults. Lines: quicker and more exact settings", fontsize=10)
     figure.supxlabel(where, fontsize=7, color=style.SOFT)
     return figure
+
+
+def _default_s(measured: Measured) -> float:
+    """Return the processor time of a call with the default."""
+    return next((p.cpu_seconds for p in measured.points if p.setting == measured.method.default), math.inf)
 
 
 def _draw(axes: Axes, measured: Measured, *, margin: float) -> dict[str, Place]:

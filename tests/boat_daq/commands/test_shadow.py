@@ -52,8 +52,12 @@ def test_solve_keeps_its_contract(model: str) -> None:
     assert 0.0 < found["lowest_eigenvalue"] < 0.2
 
 
-def test_the_error_by_the_mesh_is_that_of_the_precision(coarse: list[str]) -> None:
-    """As measured on the default actuator; another actuator has none."""
+def test_the_error_by_the_mesh_is_that_of_the_precision(coarse: list[str], tmp_path: Path) -> None:
+    """As measured on the default actuator; of another one a share of the elongation, and none on another mesh."""
+    other = tmp_path / "other.toml"
+    other.write_text("wall_mm = 2.4\n")
+    solved = call("shadow", "solve", "--pressure", "20", "--parameters", str(other))
+    assert solved["error_mm"] == pytest.approx(fidelity("normal").mesh_error_percent / 100 * solved["elongation_mm"])
     found = call("shadow", "solve", "--pressure", "20", "--fidelity", "draft")
     assert found["error_mm"] == fidelity("draft").mesh_error_mm
     assert call("shadow", "solve", "--pressure", "20", *coarse)["error_mm"] is None

@@ -6,11 +6,7 @@ from pathlib import Path
 DOCS = Path(__file__).resolve().parent
 sys.path[:0] = [str(DOCS.parent), str(DOCS / "_ext")]
 
-import analysis  # noqa: E402 - found through the path above
-import boat_daq  # noqa: E402
-
-for name in analysis.__all__:  # they are imported when first used, and autodoc lists only what is there
-    setattr(analysis, name, getattr(analysis, name))
+import boat_daq  # noqa: E402 - found through the path above
 
 project = "boat-daq"
 author = "the boat-daq developers"
@@ -36,6 +32,7 @@ extensions = [
     "command_reference",
     "compact_docstrings",
     "described_values",
+    "public_names",
 ]
 default_role = "code"  # docstrings put names between single backticks, as Markdown does
 myst_enable_extensions = ["colon_fence", "deflist"]

@@ -41,7 +41,7 @@ WIDEST_NOISE = 3.0  # sd of the logarithm of the noise at the start: its prior e
 MISREAD, MISREAD_GRIDS = 1e-5, 2.0  # chance that a position is off its cell altogether, and by how many marks (sd)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Posterior:
     """Draws from the posterior, and the figures of the sampler.
 
@@ -65,6 +65,21 @@ class Posterior:
     acceptance: float
     steps: int
     converged: bool
+    walkers: int = 1
+
+    def __repr__(self) -> str:
+        terms = ", ".join(
+            f"b{i} = {b:.6g} ± {2 * u:.2g}" for i, (b, u) in enumerate(zip(self.mean, self.sd, strict=True))
+        )
+        state = "converged" if self.converged else "NOT converged"
+        return f"<Posterior: {terms} (k = 2), sigma {self.sigma:.3g}, {self.n_eff:.0f} effective draws, {state}>"
+
+    def chains(self) -> dict[str, FloatArray]:
+        """Return the kept draws by parameter, [chain, draw], as `arviz.from_dict` takes them."""
+        change = np.asarray(self.calibration.fit.basis.to_monomials(), dtype=np.float64)
+        columns = dict(zip((f"b{i}" for i in range(self.mean.size)), (self.basis_samples @ change.T).T, strict=True))
+        columns["sigma"] = self.sigma_samples
+        return {name: np.ascontiguousarray(values.reshape(-1, self.walkers).T) for name, values in columns.items()}
 
     def curves(self, x: npt.ArrayLike) -> FloatArray:
         """Return y(x) of every draw, [draws, x]."""
@@ -316,5 +331,5 @@ def _summary(target: _Target, sampler: Any, burn: int, tau: float, most: int) ->
     return Posterior(
         target.calibration, beta[kept], sigma[kept], monomials.mean(axis=0), monomials.std(axis=0, ddof=1),
         float(sigma.mean()), target.reading_sd, tau, flat.shape[0] / tau, acceptance, steps,
-        bool(steps >= REQUIRED_TAUS * tau and 0.1 < acceptance < 0.9),
+        bool(steps >= REQUIRED_TAUS * tau and 0.1 < acceptance < 0.9), chain.shape[1],
     )  # fmt: skip

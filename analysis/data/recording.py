@@ -8,10 +8,10 @@ measurement, is marked in `usable`, with a count by reason, and stays in the col
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,7 @@ import pandas as pd
 from analysis.data.camera_record import CameraRecord
 from protocol.base.arrays import BoolArray, FloatArray, IntArray
 from protocol.base.errors import DataError
+from protocol.base.optional import optional
 from protocol.recording import (
     NOT_FOR_FIGURES,
     DerivedChannel,
@@ -58,7 +59,14 @@ class Gap:
     crc_failed: int = 0
 
 
-@dataclass(frozen=True, slots=True)
+class ElongationReader(Protocol):
+    """What turns signals, [n, sensors] mV, into elongations: a `Fusion`, see `elongation_reader`."""
+
+    def evaluate(self, signal_mv: FloatArray) -> Any:
+        """Return `elongation_mm` and `standard_uncertainty_mm`, [n]."""
+
+
+@dataclass(frozen=True, slots=True, repr=False)
 class Recording:
     """One run. Arrays have one row a sample (n) and are read-only.
 
@@ -197,8 +205,30 @@ class Recording:
             known |= {channel.column: self.channel[rows, i] for i, channel in enumerate(self.channels)}
         return derived.evaluate(known)
 
-    def to_frame(self, rows: slice | None = None) -> pd.DataFrame:
-        """Return the samples, or some rows of them, in the columns and the order of the export."""
+    def __repr__(self) -> str:
+        mark = "SIMULATED, " if self.simulated else ""
+        name, size = Path(self.source).name or "arrays", f"{self.n} samples of {self.n_sensors} sensors"
+        length = f"{self.duration_s:.1f} s at {self.rate_hz:.1f} Hz"
+        return f"<Recording {name}: {mark}unit {self.unit or 'not named'}, {size}, {length}, {self.lost} lost>"
+
+    def to_xarray(self, reader: ElongationReader | None = None) -> Any:
+        """Return the samples as an `xarray.Dataset` over `time_s`, units as attributes. RequestError: no xarray."""
+        frame = self.to_frame(reader=reader).set_index("time_s")
+        found = optional("xarray").Dataset.from_dataframe(frame[~frame.index.duplicated()])
+        for name, unit in frame.attrs["units"].items():
+            found[name].attrs["units"] = unit
+        found.attrs |= {"unit": self.unit, "simulated": int(self.simulated)}
+        return found
+
+    def to_frame(self, rows: slice | None = None, *, reader: ElongationReader | None = None) -> pd.DataFrame:
+        """Return the samples, or some rows of them, in the columns and the order of the export.
+
+        `attrs` of the frame hold `simulated`, `unit` (under test) and `units` (of measurement, by column).
+
+        Parameters
+        ----------
+        reader : adds the columns `elongation_mm` and `u_mm` (U, k = 2); see `boat_daq.elongation_reader`.
+        """
         first, last = ("index", "time_s", "pressure_kpa", "target_kpa"), ("state", "flags", "segment")
         frame: dict[str, Any] = {name: getattr(self, name) for name in first}
         for i, name in enumerate(self.sensor_names):
@@ -210,7 +240,21 @@ class Recording:
         if self.channel is not None:
             frame |= {channel.column: self.channel[:, i] for i, channel in enumerate(self.channels)}
         columns = {name: column[rows or slice(None)] for name, column in frame.items()}
-        return pd.DataFrame(columns | self.derived_values(rows))
+        columns |= self.derived_values(rows)
+        if reader is not None:
+            read = reader.evaluate(self.signal_mv[rows or slice(None)])
+            columns |= {"elongation_mm": read.elongation_mm, "u_mm": 2.0 * read.standard_uncertainty_mm}
+        found = pd.DataFrame(columns)
+        found.attrs = {"simulated": self.simulated, "unit": self.unit, "units": self._units(found.columns)}
+        return found
+
+    def _units(self, names: Iterable[str]) -> dict[str, str]:
+        """Return the units of measurement of columns, by name."""
+        by_ending = {"_s": "s", "_kpa": "kPa", "_mv": "mV", "_mm": "mm", "_lit": "counts", "_dark": "counts"}
+        usual = {name: unit for name in names for ending, unit in by_ending.items() if name.endswith(ending)}
+        others = {channel.column: channel.unit for channel in self.channels}
+        derived = {channel.name: channel.unit for channel in self.derived.channels}
+        return {name: unit for name, unit in (usual | others | derived).items() if unit}
 
     @classmethod
     def from_arrays(

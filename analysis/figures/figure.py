@@ -10,14 +10,18 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any
+from html import escape
+from typing import TYPE_CHECKING, Any, Protocol
 
 from analysis.json_object import json_object
 from analysis.numbers import rounded
 from protocol.base.units import NOTHING
 
 if TYPE_CHECKING:  # the window imports the table of figures, and not pandas with it
+    import pandas as pd
+
     from analysis.segmentation.losses import Losses
+    from analysis.warning import Warning
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +119,7 @@ class Reason(StrEnum):
     INADEQUATE = "inadequate"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Figure:
     """One figure of a report: value, unit, number of independent items, 95 % interval, or why there is none.
 
@@ -138,6 +142,17 @@ class Figure:
     definition: str = ""
     window: Losses | None = None
     reason: Reason = Reason.NONE
+
+    def __float__(self) -> float:
+        return self.value
+
+    @property
+    def uncertainty(self) -> float:
+        """Standard uncertainty: a quarter of the width of the 95 % interval; NaN without one."""
+        return (self.high - self.low) / 4
+
+    def __repr__(self) -> str:
+        return with_interval(self) if not self.void else f"void: {self.void}"
 
     @classmethod
     def nothing(cls, unit: str, reason: Reason, void: str, definition: str = "") -> Figure:
@@ -195,7 +210,7 @@ def with_interval(figure: Figure) -> str:
     """Return "44.62 [44.45, 44.76] dB"."""
     if math.isnan(figure.value):
         return NOTHING
-    half = (figure.high - figure.low) / 4  # of a 95 % interval: about one standard uncertainty
+    half = figure.uncertainty
     text = rounded(figure.value, half)
     if math.isfinite(figure.low) and math.isfinite(figure.high):
         text += f" [{rounded(figure.low, half)}, {rounded(figure.high, half)}]"
@@ -215,3 +230,74 @@ class LabFigure:
     def label_with_unit(self) -> str:
         """Label and unit."""
         return f"{self.label}, {self.unit}" if self.unit else self.label
+
+
+class SensorFigures(Protocol):
+    """The figures of one sensor, by key."""
+
+    @property
+    def name(self) -> str:
+        """Name of the sensor."""
+
+    @property
+    def figures(self) -> Mapping[str, Figure]:
+        """Its figures."""
+
+
+_LARGEST = 3  # warnings in full
+
+
+def figure_frame(sensors: Sequence[SensorFigures], system: Mapping[str, Figure]) -> pd.DataFrame:
+    """Return a row for each figure of each sensor, and of the whole unit."""
+    import pandas as pd
+
+    groups = [*((sensor.name, sensor.figures) for sensor in sensors), ("", system)]
+    rows = [(name, key, f.value, f.low, f.high, f.unit, f.n, f.void) for name, of in groups for key, f in of.items()]
+    return pd.DataFrame(rows, columns=["sensor", "figure", "value", "low", "high", "unit", "n", "void"])
+
+
+def _rows(
+    sensors: Sequence[SensorFigures], system: Mapping[str, Figure], keys: Sequence[str]
+) -> list[tuple[str, list[str]]]:
+    """Return label and a text for each sensor; figures of the whole unit have one text."""
+    known = [key for key in keys if sensors and key in sensors[0].figures]
+    rows = [(SENSOR_FIGURES[key].label_with_unit, [_text(sensor.figures[key]) for sensor in sensors]) for key in known]
+    return rows + [(SYSTEM_FIGURES[key].label_with_unit, [_text(figure)]) for key, figure in system.items()]
+
+
+def _text(figure: Figure) -> str:
+    return with_interval(figure).removesuffix(f" {figure.unit}")
+
+
+def summary_text(
+    heading: str, sensors: Sequence[SensorFigures], system: Mapping[str, Figure], warnings: Sequence[Warning]
+) -> str:
+    """Return heading, key figures with 95 % intervals, and the number of warnings, as lines."""
+    rows = _rows(sensors, system, KEY_FIGURES)
+    head = ("95 % interval", [sensor.name for sensor in sensors])
+    width = max(len(label) for label, _ in rows)
+    columns = max((len(text) for _, texts in rows for text in texts), default=0)
+    lines = [
+        "  " + f"{label:<{width}}  " + "  ".join(f"{text:<{columns}}" for text in texts)
+        for label, texts in (head, *rows)
+    ]
+    more = [f"  warnings: {len(warnings)}, in .warnings; all figures: .to_frame()"]
+    return "\n".join([heading, *(line.rstrip() for line in lines), *more])
+
+
+def summary_html(
+    heading: str, sensors: Sequence[SensorFigures], system: Mapping[str, Figure], warnings: Sequence[Warning]
+) -> str:
+    """Return all figures with 95 % intervals as an HTML table, and the first warnings."""
+    names = "".join(f"<th>{escape(sensor.name)}</th>" for sensor in sensors)
+    body = "".join(
+        f"<tr><th style='text-align:left'>{escape(label)}</th>"
+        + "".join(f"<td>{escape(text)}</td>" for text in texts)
+        + "</tr>"
+        for label, texts in _rows(sensors, system, list(SENSOR_FIGURES))
+    )
+    items = "".join(f"<li>{escape(warning.text)}</li>" for warning in warnings[:_LARGEST])
+    left = len(warnings) - _LARGEST
+    more = f"<li>and {left} more: <code>.warnings</code></li>" if left > 0 else ""
+    table = f"<table><tr><th>95 % interval</th>{names}</tr>{body}</table>"
+    return f"<b>{escape(heading)}</b>{table}<ul>{items}{more}</ul>"

@@ -13,13 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from analysis.calibration.type_b import SCALE
 from analysis.data.load import load_recording
 from analysis.data.recording import Recording
 from analysis.fidelity import fidelity
 from analysis.figures.across_breaks import compare_breaks, of_cycles, parts_of
-from analysis.figures.figure import Figure, LabFigure, Reason
+from analysis.figures.figure import Figure, LabFigure, Reason, figure_frame, summary_html, summary_text
 from analysis.figures.intervals import unsettled
 from analysis.figures.loop_figures import hysteresis, joint_hysteresis, with_what_lies_between
 from analysis.figures.reading_check import CheckedReading, checked_readings, without_wrong_readings
@@ -40,7 +41,7 @@ from analysis.segmentation.cycles import find_cycles
 from analysis.segmentation.derived_channels import derived_json
 from analysis.segmentation.loops import Loops, LoopWidth, continuous_loops, staircase_loops, width_of_loops
 from analysis.segmentation.losses import LossCounter
-from analysis.segmentation.plateau_readings import elongations_of
+from analysis.segmentation.plateau_readings import Readings, elongations_of
 from analysis.segmentation.plateaus import find_plateaus
 from analysis.segmentation.signal_faults import mask_faulty_signals
 from analysis.statistics import resampling_weights
@@ -59,7 +60,7 @@ class Part:
     sensors: tuple[SensorAnalysis, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Analysis(AnalysedRun):
     """All figures of one run; `lab_figures` are those of the lab's plugins, computed elsewhere.
 
@@ -79,6 +80,26 @@ class Analysis(AnalysedRun):
     camera: CameraFigures | None = None
     lab_figures: tuple[LabFigure, ...] = ()
     checked: tuple[CheckedReading, ...] = ()
+
+    def __repr__(self) -> str:
+        return summary_text(self._heading, self.sensors, self.system_figures, self.warnings)
+
+    def _repr_html_(self) -> str:
+        return summary_html(self._heading, self.sensors, self.system_figures, self.warnings)
+
+    @property
+    def _heading(self) -> str:
+        mark, cycles = "SIMULATED, " if self.recording.simulated else "", self.cycles.as_json()["complete"]
+        return f"Analysis of {self.recording.unit or 'a unit without a name'}: {mark}{self.kind}, {cycles} cycles"
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the figures, one a row: sensor, figure, value, low, high (95 %), unit, n, void.
+
+        `attrs` hold `simulated` and `unit` (under test); the sensor of a figure of the whole unit is "".
+        """
+        frame = figure_frame(self.sensors, self.system_figures)
+        frame.attrs = {"simulated": self.recording.simulated, "unit": self.recording.unit}
+        return frame
 
     @property
     def kind(self) -> str:
@@ -156,7 +177,7 @@ class Analysis(AnalysedRun):
 
 def analyse(
     recording: Recording | str | Path,
-    elongation: str | Path | None = None,
+    elongation: Readings | None = None,
     *,
     seed: int = 0,
     mcmc: bool = True,
@@ -170,7 +191,8 @@ def analyse(
 
     Parameters
     ----------
-    elongation : CSV of elongations; by default the recording's own readings.
+    elongation : CSV of elongations, a frame with its columns (`pressure_kpa`, `elongation_mm`), or [plateaus] values
+        in mm in the order of the run, NaN where none was read; by default the recording's own readings.
     seed, mcmc : shorthands for the options of the same name; `options` overrides them.
     """
     options = options or Options(seed=seed, mcmc=mcmc)
@@ -211,7 +233,7 @@ def _camera(film: Filmed, run: SegmentedRun, sensors: Sequence[SensorAnalysis]) 
 
 
 def _segmented(
-    recording: Recording, elongation: str | Path | None, options: Options, film: Filmed | None
+    recording: Recording, elongation: Readings | None, options: Options, film: Filmed | None
 ) -> tuple[SegmentedRun, list[Loops], tuple[Warning, ...]]:
     """Return a run in cycles, plateaus and loops, its loops between breaks, and a warning for each reading left out.
 

@@ -37,7 +37,7 @@ from analysis.fidelity import Level, fidelity
 from analysis.figures.across_breaks import Break, of_cycles
 from analysis.figures.curve_figures import CURVE_POINTS, curve_figures, draw_joint, lack_of_fit, resample_fit
 from analysis.figures.cycle_figures import FiguresByCycle, Trend, drift, figures_by_cycle, repeatability
-from analysis.figures.figure import Figure, Reason, marked_implausible, not_driven
+from analysis.figures.figure import KEY_FIGURES, SENSOR_FIGURES, Figure, Reason, marked_implausible, not_driven
 from analysis.figures.intervals import combined_error, unsettled, with_full_scale, with_reach, with_shared_error
 from analysis.figures.loop_figures import (
     hysteresis,
@@ -110,7 +110,7 @@ class Options:
     posterior_samples: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class SensorAnalysis:
     """What is known of one sensor; `calibration_void` says why there is no calibration.
 
@@ -134,6 +134,11 @@ class SensorAnalysis:
     settling: Settling
     joint_loop: JointFit | None = None
     influences: tuple[ChannelInfluence, ...] = ()
+
+    def __repr__(self) -> str:
+        lines = [f"  {SENSOR_FIGURES[key].label}: {self.figures[key]!r}" for key in KEY_FIGURES if key in self.figures]
+        curve = f"  {self.calibration!r}" if self.calibration else f"  no calibration: {self.calibration_void}"
+        return "\n".join([f"<SensorAnalysis {self.name}", *lines, curve]) + ">"
 
     def as_json(self) -> dict[str, Any]:
         """Return the sensor's object of `analyze --json`."""

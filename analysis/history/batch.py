@@ -100,7 +100,8 @@ def _candidates(folder: Path) -> list[Path]:
 
 
 def _is_run(path: Path) -> bool:
-    from analysis.data.csv_import import is_signal, map_columns
+    from analysis.data.column_map import map_columns
+    from analysis.data.column_names import is_signal
     from analysis.data.csv_table import read_table
 
     if path.suffix == ".boat":

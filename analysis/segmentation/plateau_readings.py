@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -53,15 +54,51 @@ class Elongations:
         return np.isfinite(self.elongation_mm)
 
 
+Readings: TypeAlias = str | Path | pd.DataFrame | npt.ArrayLike
+
+
 def elongations_of(
-    recording: Recording, plateaus: tuple[Plateau, ...], file: str | Path | None = None
+    recording: Recording, plateaus: tuple[Plateau, ...], readings: Readings | None = None
 ) -> Elongations | None:
-    """Return the elongations of a CSV `file`, or of the recording, None without any; BoatDaqError if unfit."""
-    if file is not None:
-        steps = recording.steps
-        reached = set(steps.loc[steps["status"] == "reached", "id"].tolist())
-        return _from_file(read_elongation_file(file), plateaus, reached, Path(file).name)
-    return _from_session(recording, plateaus)
+    """Return the elongations given, or of the recording, None without any; BoatDaqError if unfit.
+
+    Parameters
+    ----------
+    readings : CSV, frame with its columns, or [plateaus] values in mm.
+    """
+    if readings is None:
+        return _from_session(recording, plateaus)
+    if isinstance(readings, pd.DataFrame):
+        frame, name = _checked_frame(readings), "the frame"
+    elif isinstance(readings, str | Path):
+        frame, name = read_elongation_file(readings), Path(readings).name
+    else:
+        return _from_values(np.asarray(readings, dtype=np.float64).ravel(), plateaus)
+    steps = recording.steps
+    reached = set(steps.loc[steps["status"] == "reached", "id"].tolist())
+    return _from_file(frame, plateaus, reached, name)
+
+
+def _checked_frame(frame: pd.DataFrame) -> pd.DataFrame:
+    """Return a frame as `read_elongation_file` returns it. DataError: a column is missing."""
+    missing = {"pressure_kpa", "elongation_mm"} - set(frame.columns)
+    if missing:
+        raise DataError(f"the readings lack {', '.join(sorted(missing))}", "Give pressure_kpa and elongation_mm.")
+    return frame.assign(confirmed=frame.get("confirmed", "")).reset_index(drop=True)
+
+
+def _from_values(values: FloatArray, plateaus: tuple[Plateau, ...]) -> Elongations:
+    """Return values in the order of the plateaus: of all, or of those in cycles. DataError: another number."""
+    in_cycles = [plateau.number for plateau in plateaus if plateau.branch]
+    full = np.full(len(plateaus), np.nan)
+    if values.size == len(plateaus):
+        full = values
+    elif values.size == len(in_cycles):
+        full[[at for at, plateau in enumerate(plateaus) if plateau.branch]] = values
+    else:
+        cause = f"{values.size} elongations for {len(plateaus)} plateaus, {len(in_cycles)} of them in cycles"
+        raise DataError(cause, "Give one for each, NaN where none was read.")
+    return Elongations(full, steps_of(full), "values", steps_mm=steps_of(full))
 
 
 def read_elongation_file(path: str | Path) -> pd.DataFrame:

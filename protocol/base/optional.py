@@ -20,6 +20,7 @@ EXTRAS = {  # module: name of the library, extra that brings it, what to install
     "h5py": ("h5py", "hdf5", ("h5py>=3.10,<4",)),
     "pyarrow": ("pyarrow", "parquet", ("pyarrow>=15",)),
     "pylsl": ("pylsl", "lsl", ("pylsl>=1.17,<2",)),
+    "xarray": ("xarray", "xarray", ("xarray>=2024.1",)),
     "rosbags": ("rosbags", "rosbag", ("rosbags>=0.10,<0.12",)),
 }
 

@@ -183,3 +183,26 @@ def test_script_with_another_distribution_before_ours_is_refused(tmp_path: Path,
     last = done.stderr.splitlines()[-1]
     assert last.startswith(f"ImportError: {tmp_path}/site-packages/protocol/__init__.py would be imported in place of")
     assert "environment without" in last
+
+
+LABS_OWN = """
+import analysis
+from boat_daq import fit_calibration
+print(fit_calibration([0, 1, 2], [1, 3, 5], degree=1).coefficients.round(6).tolist())
+from analysis import OFFSET
+from analysis.rig import valve
+import analysis.rig
+print(analysis.OFFSET if order == "theirs first" else OFFSET, valve())
+"""
+
+
+@pytest.mark.parametrize("order", ["theirs first", "ours first"])
+def test_public_names_work_beside_a_labs_own_analysis(order: str, tmp_path: Path) -> None:
+    """Its names and modules are found as well, whichever is imported first."""
+    (tmp_path / "analysis").mkdir()
+    (tmp_path / "analysis" / "__init__.py").write_text("OFFSET = 7\n")
+    (tmp_path / "analysis" / "rig.py").write_text("def valve():\n    return 'open'\n")
+    lines = LABS_OWN.strip().splitlines()
+    text = "\n".join([f"order = {order!r}", *(lines if order == "theirs first" else lines[1:])])
+    found = script(tmp_path, text, PYTHONPATH=str(ROOT))
+    assert found.stdout.splitlines() == ["[1.0, 2.0]", "7 open"], found.stderr

@@ -26,7 +26,7 @@ HALF_US = 0.5e-6
 CAPACITY = 1_200_000  # samples: two minutes at 10 kHz, about 50 MB
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class MeasuredBlock:
     """Consecutive samples, one row each (n), in the units of the recording.
 
@@ -53,6 +53,13 @@ class MeasuredBlock:
     flags: NDArray[np.uint16]
     others: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     skipped: int = 0
+
+    def __repr__(self) -> str:
+        if not len(self):
+            return f"<MeasuredBlock: no samples, {self.skipped} skipped>"
+        span = f"{self.time_s[0]:.3f} s to {self.time_s[-1]:.3f} s, {self.pressure_kpa[-1]:.2f} kPa"
+        signals = ", ".join(f"{mv:.1f}" for mv in self.signal_mv[-1])
+        return f"<MeasuredBlock: {len(self)} samples, {span}, {signals} mV, {self.skipped} skipped>"
 
     @classmethod
     def of(

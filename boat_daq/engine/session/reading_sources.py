@@ -163,14 +163,22 @@ def truth_at_plateaus(truth_csv: Path, steps: Sequence[StepMark]) -> dict[int, f
 
 def enter_simulated_readings(
     session: Session,
-    truth_csv: Path,
+    truth_csv: Path | None = None,
     *,
     seed: int = 0,
     resolution_mm: float = SIMULATED_RESOLUTION_MM,
     reader_sd_mm: float = READER_SD_MM,
 ) -> int:
-    """Enter readings of a virtual unit, from its truth; return how many. `seed`: of the reader's error."""
-    if not session.snapshot().simulated:
+    """Enter readings of a virtual unit, from its truth; return how many.
+
+    Parameters
+    ----------
+    truth_csv : what the board wrote; by default that of `Session.simulated`.
+    seed : seed of the reader's error.
+    """
+    if truth_csv is None and session.virtual_board is not None:
+        truth_csv = session.virtual_board.truth
+    if not session.snapshot().simulated or truth_csv is None:
         raise RequestError("only a virtual board has true elongations", "type the readings of a real unit")
     rng = np.random.default_rng(seed)
     truth = truth_at_plateaus(truth_csv, session.steps())

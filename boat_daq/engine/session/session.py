@@ -14,7 +14,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from boat_daq.engine.control.controller import MANUAL_RAMP_KPA_PER_S, Controller
 from boat_daq.engine.control.elongation import Regulator
@@ -47,6 +47,9 @@ from boat_daq.engine.snapshot import (
 from boat_daq.engine.stored_file import take_warnings
 from protocol.base.errors import DeviceError, RequestError
 from protocol.recording import RunEnd
+
+if TYPE_CHECKING:
+    from boat_daq.engine.simulator.in_process import BoardInThread
 
 VENTING_WAIT_S = 5.0
 _FLUSH_S = 0.2
@@ -92,6 +95,7 @@ class Session:
         self._health_log = HealthLog(self._health_line)
         self._hooks = Hooks(self._plugin_failed)
         self._journal.warned = self._warned
+        self.virtual_board: BoardInThread | None = None
         self._report_backups()
         self._report_shortcomings()
         self.live.load_derived()
@@ -111,6 +115,27 @@ class Session:
         except BaseException:
             session.close()
             raise
+        return session
+
+    @classmethod
+    def simulated(cls, unit: str = "SA1", *, speed: float = 20.0, seed: int = 0, **options: Any) -> Session:
+        """Connect to a virtual board in this process, for notebooks and tests; all its data are marked SIMULATED.
+
+        Parameters
+        ----------
+        speed : board time over real time, 1 to 1000.
+        options : as of `open`. `enter_simulated_readings(session)` then enters the elongations of its plateaus.
+        """
+        from boat_daq.engine.simulator.in_process import BoardInThread
+
+        board = BoardInThread(unit, speed=speed, seed=seed)
+        options.setdefault("metadata", {"unit": unit, "operator": "notebook"})
+        try:
+            session = cls.open(board.url, **options)
+        except BaseException:
+            board.close()
+            raise
+        session.virtual_board = board
         return session
 
     def __enter__(self) -> Self:
@@ -237,6 +262,8 @@ class Session:
         self._end_recording(RunEnd.STOPPED)
         self._health_log.stop()
         self._hooks.close()
+        if self.virtual_board is not None:
+            self.virtual_board.close()
 
     # ---- the recording ---------------------------------------------------------------------------------------------
 

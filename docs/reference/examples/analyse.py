@@ -1,0 +1,4 @@
+from boat_daq import analyse
+
+analysis = analyse("recordings/simulated_SA1_two_cycles.boat", mcmc=False)
+print(analysis)

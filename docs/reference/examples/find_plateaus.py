@@ -1,0 +1,4 @@
+from boat_daq import find_cycles, find_plateaus, load_recording
+
+run = load_recording("recordings/simulated_SA1_two_cycles.boat")
+print(len(find_plateaus(run, find_cycles(run))))

@@ -27,6 +27,7 @@ from protocol.base.errors import BoatDaqError
 from protocol.base.uncertainty import COVERAGE_FACTOR
 
 _POINTS = 101
+_MOST_NAMED = 3  # readings to be checked; the warnings name all
 
 
 class VerdictCode(StrEnum):
@@ -88,7 +89,9 @@ class Verdict:
     @property
     def check_text(self) -> str:
         """The readings to be checked, e.g. `1 reading to check: +10.00 mm at +10 kPa, 9.2 mm from the others`."""
-        return f"{self.check_count}: {'; '.join(one.text for one in self.readings)}" if self.readings else ""
+        named = "; ".join(one.text for one in self.readings[:_MOST_NAMED])
+        more = f"; and {len(self.readings) - _MOST_NAMED} more" if len(self.readings) > _MOST_NAMED else ""
+        return f"{self.check_count}: {named}{more}" if self.readings else ""
 
     @property
     def use(self) -> str:
@@ -110,25 +113,30 @@ class Verdict:
         """What is known and what is to be done, e.g. `U = 0.13 mm (k = 2) from -2.5 to 4.0 mm; 1 reading to check`."""
         missed = "out of tolerance" if self.missed and not self.readings else ""
         parts = [part for part in (self.use, self.check_count, missed) if part]
-        return "; ".join(parts) if parts else self.limits_text
+        return "; ".join(parts) if parts else _capital(self.limits_text)
 
     @property
     def limits_text(self) -> str:
-        """The gravest statement on the limits, e.g. `hysteresis of sensor 1 4.97 % FSO, limit 5 % FSO: fail`."""
+        """The gravest statement on the limits, e.g. `hysteresis, system, sensor 1: 4.97 % FSO, limit 5 % FSO, fail`."""
         if not self.limits:
             return "no figure to compare with a limit"
         worst, kind = self.conformity, "limits" if self.limits_set else "published limits"
         if worst is Conformity.PASS:
-            return f"all {len(self.limits)} {kind} are kept" if len(self.limits) > 1 else "the limit is kept"
+            count = len({one.name for one in self.limits})
+            return f"all {count} {kind} are kept" if count > 1 else "the limit is kept"
         found = [one for one in self.limits if one.conformity is worst]
         least = min(found, key=lambda one: one.statement.probability if one.statement.probability >= 0 else 2.0)
-        more = f", and {len(found) - 1} more of {len(self.limits)} {kind}" if len(found) > 1 else ""
-        return f"{least.phrase}: {worst.label}{more}"
+        others = len({one.name for one in found} - {least.name})
+        more = f", and {others} more of the {kind}" if others else ""
+        return f"{least.phrase}, {worst.label}{more}"
 
     @property
     def sentence(self) -> str:
-        """The headline, with the limits where it is not of them."""
-        return self.headline if self.headline == self.limits_text else f"{self.headline}. {_capital(self.limits_text)}"
+        """The headline with the limits, or with the readings to be checked, on which all figures then rest."""
+        if self.readings:
+            return f"{self.use}; {self.check_text}"
+        limits = _capital(self.limits_text)
+        return limits if self.headline == limits else f"{self.headline}. {limits}"
 
     def as_json(self) -> dict[str, Any]:
         """Return `verdict` of `analyze --json`."""
@@ -188,7 +196,8 @@ def _code_of(
         return VerdictCode.READINGS_TO_CHECK, unknown
     for sensor in analysis.sensors:
         if sensor.calibration is not None and not sensor.calibration.monotone:
-            return VerdictCode.TURNS, f"the curve of {sensor_text(sensor.name)} turns inside its range"
+            name, flat = sensor_text(sensor.name), not sensor.figures["fso_mv"].value
+            return VerdictCode.TURNS, f"{name} is flat" if flat else f"the curve of {name} turns inside its range"
     if unknown:
         return VerdictCode.U_NOT_KNOWN, unknown
     return VerdictCode.OUT_OF_TOLERANCE if missed else VerdictCode.USABLE, ""

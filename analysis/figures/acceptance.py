@@ -88,11 +88,11 @@ class LimitStatement:
 
     @property
     def phrase(self) -> str:
-        """Figure, value and limit, e.g. `hysteresis, system of sensor 1 4.97 % FSO, limit 5 % FSO`."""
+        """Figure, value and limit, e.g. `hysteresis, system, sensor 1: 4.97 % FSO, limit 5 % FSO`."""
         definition, figure = SENSOR_FIGURES.get(self.tolerance.key), self.figure
         name = definition.phrase if definition is not None else self.name
         unit = f" {figure.unit}" if figure.unit else ""
-        return f"{name} of {sensor_text(self.sensor)} {figure.value:.3g}{unit}, limit {self.tolerance.limit:g}{unit}"
+        return f"{name}, {sensor_text(self.sensor)}: {figure.value:.3g}{unit}, limit {self.tolerance.limit:g}{unit}"
 
     def as_json(self) -> dict[str, Any]:
         """Return an entry of `conformity`."""

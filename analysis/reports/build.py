@@ -13,8 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from analysis.conformity import Conformity
-from analysis.figures.acceptance import judge, worst_conformity
+from analysis.calibration_export.verdict import Verdict, VerdictState, verdict_of
 from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.pipeline import Analysis
 from analysis.history.between_runs import RunComparison, UnitComparison, compare_runs
@@ -34,6 +33,15 @@ from protocol.base.units import NOTHING, STORED_UNITS, ShownUnits
 
 if TYPE_CHECKING:
     from analysis.figures.against_shadow import AgainstShadow
+
+MARKS = {
+    VerdictState.OK: "\u25cf",
+    VerdictState.CHECK: "\u25b2",
+    VerdictState.FAIL: "\u25a0",
+    VerdictState.NONE: "\u25cb",
+}
+
+ALERTS = (VerdictState.CHECK, VerdictState.FAIL)
 
 
 def write_report(
@@ -70,12 +78,12 @@ def build_report(
     limits = dict(limits or {})
     if len(analyses) > 1:
         return _several(compare_runs(analyses), limits)
-    analysis = analyses[0]
-    filled = [sections.key_figures(analysis, limits)]
+    analysis, verdict = analyses[0], verdict_of(analyses[0], limits)
+    filled = [sections.key_figures(analysis, verdict)]
     filled += [breaks(analysis)] if analysis.breaks else []
-    filled += [sections.hysteresis(analysis, limits)] if analysis.loops.n_cycles else []
+    filled += [sections.hysteresis(analysis, verdict)] if analysis.loops.n_cycles else []
     filled += [sections.over_cycles(analysis)] if analysis.loops.n_cycles > 1 else []
-    filled += [sections.other_figures(analysis, limits)]
+    filled += [sections.other_figures(analysis, verdict)]
     filled += [sections.coefficients(analysis)] if any(s.calibration for s in analysis.sensors) else []
     filled += sections.budget(analysis.budgets, analysis=analysis)
     filled += [camera_section(analysis, analysis.camera)] if analysis.camera is not None else []
@@ -87,7 +95,8 @@ def build_report(
     title = names.get(analysis.kind, "Repeatability report")
     about = title, analysis.recording.unit or "unit not named", analysis.recording.simulated
     date = analysis.recording.started_utc
-    return Report(*about, _verdict(analysis, limits), _facts(analysis), tuple(filled), _footer(analysis), date)
+    text, alert = _verdict(verdict), verdict.state in ALERTS
+    return Report(*about, text, _facts(analysis), tuple(filled), _footer(analysis), date, alert=alert)
 
 
 def _several(compared: RunComparison, limits: Mapping[str, float]) -> Report:
@@ -96,57 +105,33 @@ def _several(compared: RunComparison, limits: Mapping[str, float]) -> Report:
     for unit in compared.units:
         filled += spread_of_runs(unit) + history_of_unit(unit)
         filled += sections.budget(unit.budgets, unit.unit or "the unit")
+    verdicts: list[Verdict] = []
     for number, analysis in enumerate(analyses, 1):
-        parts = sections.key_figures(analysis, limits).parts + sections.other_figures(analysis, limits).parts
+        verdicts.append(verdict := verdict_of(analysis, limits))
+        parts = sections.key_figures(analysis, verdict).parts + sections.other_figures(analysis, verdict).parts
         if analysis.loops.n_cycles:
-            parts += sections.hysteresis(analysis, limits).parts
+            parts += sections.hysteresis(analysis, verdict).parts
         filled.append(Section(f"Run {number}: {_name(analysis)}", parts))
-    if limits:
-        verdict = "; ".join(f"run {i}: {_verdict(a, limits)}" for i, a in enumerate(analyses, 1))
-    else:
-        units = f"{len(names)} unit{'s' if len(names) > 1 else ''}"
-        verdict = f"{len(analyses)} runs of {units} compared; no limits were set."
+    text = " ".join(f"Run {i}: {_verdict(one)}" for i, one in enumerate(verdicts, 1))
     unnamed = sum(not analysis.recording.unit for analysis in analyses)
     if unnamed > 1:
-        verdict = f"{verdict.rstrip('.')}. {unnamed} runs name no unit and are taken to be of one."
+        text = f"{text} {unnamed} runs name no unit and are taken to be of one."
     about = "Comparison of runs", ", ".join(names), any(a.recording.simulated for a in analyses)
     program = f"boat-daq {program_version()}"
     facts = ("Runs", str(len(analyses))), ("Units", ", ".join(names)), ("Program", program)
-    return Report(*about, verdict, facts, tuple(filled), program, max(a.recording.started_utc for a in analyses))
+    return Report(*about, text, facts, tuple(filled), program, max(a.recording.started_utc for a in analyses))
 
 
-def _verdict(analysis: Analysis, limits: Mapping[str, float]) -> str:
-    cycles = analysis.cycles.as_json()
-    complete = cycles["complete"]
-    counted = f"{complete} complete cycle{'s' if complete != 1 else ''}, {cycles['partial']} partial"
-    if not limits:
-        usable = [s.calibration for s in analysis.sensors if s.calibration is not None]
-        if not usable:
-            return f"{counted}. No limits were set, so there is no verdict."
-        low, high = usable[0].x_range
-        turned = [(i, s) for i, s in enumerate(analysis.sensors, 1) if s.calibration and not s.calibration.monotone]
-        refused = [
-            f"the curve of sensor {i} turns inside the range" if s.figures["fso_mv"].value else f"sensor {i} is flat"
-            for i, s in turned
-        ]
-        if refused:
-            return f"{counted}. Not usable: {', '.join(refused)}."
-        return f"{counted}. Calibrated from {low:+.2f} to {high:+.2f} mm. No limits were set."
-    stated = judge(analysis.sensors, limits)
-    worst = worst_conformity(stated)
-    named = ", ".join(one.text for one in stated if one.conformity is worst)
-    if worst is Conformity.UNDETERMINED:
-        missing = ", ".join(f"{one.name} of {one.sensor}" for one in stated if one.conformity is worst)
-        return f"{counted}. No verdict: {missing} could not be determined."
-    if worst is Conformity.PASS:
-        return f"{counted}. PASSES {'the limit' if len(limits) == 1 else f'all {len(limits)} limits'}."
-    return f"{counted}. {'FAILS' if worst is Conformity.FAIL else worst.label.upper()}: {named}."
+def _verdict(verdict: Verdict) -> str:
+    """Return the verdict with the mark of its state, as the window shows it."""
+    return f"{MARKS[verdict.state]} {verdict.sentence}."
 
 
 def _facts(analysis: Analysis) -> tuple[tuple[str, str], ...]:
     meta, recording = analysis.recording.meta, analysis.recording
     plan = meta.get("plan")
     name = plan.get("name", "") if isinstance(plan, dict) else (plan or "")
+    cycles = analysis.cycles.as_json()
     rows = [
         ("Unit", meta.get("unit")),
         *((label, text) for label, text in recording.metadata.lines() if label != "Note"),
@@ -156,6 +141,7 @@ def _facts(analysis: Analysis) -> tuple[tuple[str, str], ...]:
         ("Note", meta.get("note")),
         ("Samples", f"{recording.n} at {recording.rate_hz:.1f} Hz, {recording.lost} lost"),
         ("Duration", f"{recording.duration_s:.1f} s"),
+        ("Cycles", f"{cycles['complete']} complete, {cycles['partial']} partial"),
         ("Elongation", analysis.elongations.source if analysis.elongations else "not read"),
     ]
     return tuple((label, str(value)) for label, value in rows if value not in (None, ""))

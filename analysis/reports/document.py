@@ -67,7 +67,10 @@ class Attachment:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """A whole report: `facts` lines of its head, `date` ISO 8601 or "", `marks` above every page beside SIMULATED."""
+    """A whole report: `facts` lines of its head, `date` ISO 8601 or "", `marks` above every page beside SIMULATED.
+
+    `alert`: the verdict needs attention.
+    """
 
     title: str
     subject: str
@@ -80,6 +83,7 @@ class Report:
     marks: tuple[str, ...] = ()
     author: str = "boat-daq"
     attachments: tuple[Attachment, ...] = ()
+    alert: bool = False
 
 
 def right_aligned(table: ReportTable) -> tuple[bool, ...]:

@@ -88,6 +88,7 @@ def _data(report: Report, progress: Progress | None) -> dict[str, Any]:
         "footer": printable(report.footer),
         "mark": printable(mark),
         "verdict": printable(typeset(report.verdict)),
+        "alert": report.alert,
         "short": [fact for fact in facts if _is_short(fact[1])],
         "long": [fact for fact in facts if not _is_short(fact[1])],
         "sections": sections,

@@ -5,20 +5,21 @@ Rules: nothing is computed here but a rounding; the caller leaves out a section 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 
 from analysis import published
 from analysis.calibration.curve_choice import curve_name
+from analysis.calibration_export.verdict import Verdict
 from analysis.conformity import RULE
-from analysis.figures.acceptance import LIMITS, judge
 from analysis.figures.across_breaks import ALPHA, Break
 from analysis.figures.figure import KEY_FIGURES, SENSOR_FIGURES, SYSTEM_FIGURES, void_sentences
 from analysis.figures.pipeline import Analysis
 from analysis.figures.sensor_analysis import SensorAnalysis
 from analysis.figures.uncertainty import Budget, ElongationBudgets
+from analysis.figures.warnings import reading_grid
 from analysis.numbers import percent, rounded, with_uncertainty
 from analysis.reports import drawings
 from analysis.reports.document import ReportDrawing, ReportTable, Section, SectionPart, cell, cells, p_value, power
@@ -30,13 +31,15 @@ LEAST_SPREAD = 10  # cycles whose spread at each level is drawn
 NEGLIGIBLE_LIFT = 0.02  # % FSO: less is not seen in a figure of two decimals
 
 
-def key_figures(analysis: Analysis, limits: Mapping[str, float]) -> Section:
-    """The figures that a reader looks for first, the limits that were set, and the calibration curves."""
+def key_figures(analysis: Analysis, verdict: Verdict) -> Section:
+    """The readings that were confirmed, the figures looked for first, limits that were set, and the curves."""
+    checked = [f"The reading {one.long_text}, is confirmed: {one.confirmed}." for one in verdict.confirmed]
     return Section(
         "Key figures",
         (
-            *_figure_tables(analysis, limits, KEY_FIGURES),
-            *([_conformity_table(analysis, limits)] if limits else []),
+            *checked,
+            *_figure_tables(analysis, verdict, KEY_FIGURES),
+            *([_conformity_table(verdict)] if verdict.limits_set else []),
             *_curves(analysis),
         ),
     )
@@ -55,12 +58,13 @@ def _curves(analysis: Analysis) -> list[SectionPart]:
     return parts
 
 
-def other_figures(analysis: Analysis, limits: Mapping[str, float]) -> Section:
+def other_figures(analysis: Analysis, verdict: Verdict) -> Section:
     """Return the section with all figures that are no key figures, and what is undefined or lost."""
     undefined = void_sentences([(f"sensor {i}", s.figures) for i, s in enumerate(analysis.sensors, 1)])
     others = tuple(key for key in SENSOR_FIGURES if key not in KEY_FIGURES)
-    tables = (*_figure_tables(analysis, limits, others), *_unit_table(analysis), *_lab_table(analysis))
-    return Section("Other figures", (*tables, _DEFINITIONS, *_lost(analysis), *undefined))
+    tables = (*_figure_tables(analysis, verdict, others), *_unit_table(analysis), *_lab_table(analysis))
+    stated = [_conformity_table(verdict)] if verdict.limits and not verdict.limits_set else []
+    return Section("Other figures", (*tables, _DEFINITIONS, *stated, *_lost(analysis), *undefined))
 
 
 _DEFINITIONS = (
@@ -69,10 +73,10 @@ _DEFINITIONS = (
 )
 
 
-def _figure_tables(analysis: Analysis, limits: Mapping[str, float], keys: Sequence[str]) -> list[ReportTable]:
+def _figure_tables(analysis: Analysis, verdict: Verdict, keys: Sequence[str]) -> list[ReportTable]:
     """Two sensors a table."""
     count = len(analysis.sensors)
-    return [_figure_table(analysis, limits, keys, range(at, min(at + 2, count))) for at in range(0, count, 2)]
+    return [_figure_table(analysis, verdict, keys, range(at, min(at + 2, count))) for at in range(0, count, 2)]
 
 
 def _lab_table(analysis: Analysis) -> list[ReportTable]:
@@ -88,10 +92,10 @@ def _lab_table(analysis: Analysis) -> list[ReportTable]:
     return [ReportTable(("Figure of the laboratory", *heads, "plugin"), tuple(rows), caption)] if rows else []
 
 
-def _conformity_table(analysis: Analysis, limits: Mapping[str, float]) -> ReportTable:
-    """A row for each limit that the user set and each sensor: value, guard band, probability, statement."""
+def _conformity_table(verdict: Verdict) -> ReportTable:
+    """A row for each limit and each sensor: value, guard band, probability, statement."""
     rows = []
-    for one in judge(analysis.sensors, limits):
+    for one in verdict.limits:
         tolerance, stated = one.tolerance, one.statement
         sign = "≥" if tolerance.is_lower else "≤"
         u = stated.guard_band / 2
@@ -101,12 +105,14 @@ def _conformity_table(analysis: Analysis, limits: Mapping[str, float]) -> Report
         limit = f"{sign} {tolerance.limit:g}"
         rows.append((label, one.sensor, rounded(one.figure.value, u), limit, band, probable, one.conformity.label))
     header = ("Limit", "sensor", "value", "limit", "guard band", "conformity", "statement")
-    caption = f"Decision rule {RULE}. Conformity: probability that the figure keeps its limit (JCGM 106:2012)."
+    whose = "Limits that were set" if verdict.limits_set else "Published limits; none were set"
+    caption = f"{whose}. Decision rule {RULE}. Conformity: probability that the figure keeps its limit (JCGM 106:2012)."
     return ReportTable(header, tuple(rows), caption)
 
 
-def _figure_table(analysis: Analysis, limits: Mapping[str, float], keys: Sequence[str], chosen: range) -> ReportTable:
+def _figure_table(analysis: Analysis, verdict: Verdict, keys: Sequence[str], chosen: range) -> ReportTable:
     sensors = [analysis.sensors[i] for i in chosen]
+    limits = {one.tolerance.key: f"{one.tolerance.symbol} {one.tolerance.limit:g}" for one in verdict.limits}
     paper, rows = _is_published(analysis), []
     for key in keys:
         definition, parts = SENSOR_FIGURES[key], [s.figures.get(key) for s in sensors]
@@ -114,8 +120,8 @@ def _figure_table(analysis: Analysis, limits: Mapping[str, float], keys: Sequenc
             continue
         shown = [text for p in parts for text in cells(p)]
         known = [getattr(sensor, key, None) for sensor in published.SENSORS] if paper else []
-        limit = next((f"{limits[name]:g}" for name, k in LIMITS.items() if k == key and name in limits), "")
-        rows.append((definition.label_with_unit, *shown, " / ".join(f"{value:g}" for value in known if value), limit))
+        published_value = " / ".join(f"{value:g}" for value in known if value)
+        rows.append((definition.label_with_unit, *shown, published_value, limits.get(key, "")))
     heads = [text for i in chosen for text in (f"Sensor {i + 1}", "95 % interval")]
     header = ("Figure", *heads, "Published", "Limit")
     keep = [i for i in range(len(header)) if i < len(header) - 2 or any(row[i] for row in rows)]
@@ -224,9 +230,10 @@ def _quality(analysis: Analysis, sensor: int) -> str:
     return text
 
 
-def hysteresis(analysis: Analysis, limits: Mapping[str, float]) -> Section:
+def hysteresis(analysis: Analysis, verdict: Verdict) -> Section:
     """Return the section with loading minus unloading over pressure: of the signals and, where read, of the tip."""
-    limit = limits.get("hysteresis")
+    stated = (one.tolerance for one in verdict.limits if one.tolerance.key == "system_hysteresis_percent_fso")
+    limit = next((tolerance.limit for tolerance in stated), None)
     x = analysis.loops.elongation_mm
     draws = [partial(drawings.loop_difference, analysis, limit)]
     if x is not None and np.isfinite(x).any():
@@ -341,6 +348,15 @@ def readings(analysis: Analysis) -> Section:
     return Section("Plateaus and readings", (ReportTable(header, tuple(rows), caption, halved=len(rows) > HALVED),))
 
 
+def _grid(analysis: Analysis) -> str:
+    """The grid that the readings were taken from, where it is from, and the standard deviation of a reading."""
+    found = reading_grid(analysis)
+    if found is None:
+        return NOTHING
+    origin = {"steps": "from their own steps", "stated": "as stated", "image": "from the uncertainty of the image"}
+    return f"{found['mm']:g} mm, {origin[str(found['from'])]}; sd {analysis.reading_sd_mm:.2g} mm"
+
+
 def _two_places(value: float) -> str:
     return f"{value:+.2f}" if np.isfinite(value) else NOTHING
 
@@ -350,7 +366,7 @@ def run(analysis: Analysis) -> Section:
     o = analysis.options
     calibrated = any(s.calibration for s in analysis.sensors)
     degrees = dict.fromkeys(s.calibration.curve for s in analysis.sensors if s.calibration is not None)
-    fitted = (("Degree or curve", " / ".join(degrees)), ("Reading error, sd", f"{analysis.reading_sd_mm:.3f} mm"))
+    fitted = (("Degree or curve", " / ".join(degrees)), ("Reading grid", _grid(analysis)))
     settings = (
         *(fitted if calibrated else ()),
         ("Settled within", f"{o.plateau.tolerance_kpa:g} kPa for {o.plateau.settling_s:g} s"),

@@ -111,8 +111,6 @@ def analyze(
     if settling_s := shorter_settling_s(analysis.plateaus, options.plateau):
         notify(f"the holds are short; to use them: --settling {settling_s:g}")
     show(verdict.sentence)
-    if verdict.readings:
-        notify(verdict.check_text)
     _show(analysis, limits)
     if shadow is not None:
         _show_shadow(shadow)

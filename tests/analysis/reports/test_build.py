@@ -45,10 +45,11 @@ def test_warm_up_cycles_are_found_and_named(repeatability: Analysis) -> None:
 
 def test_the_verdict_is_against_the_users_limits(repeatability: Analysis) -> None:
     """Kept, broken, and a limit that does not exist."""
-    assert "PASSES" in build_report([repeatability], {"hysteresis": 6.0, "snr": 40.0}).verdict
+    kept = build_report([repeatability], {"hysteresis": 6.0, "snr": 40.0}).verdict
+    assert kept == "\u25cf All 2 limits are kept."
     broken = build_report([repeatability], {"hysteresis": 1.0}).verdict
-    assert "FAILS" in broken
-    assert "hysteresis of s1" in broken
+    assert broken.startswith("\u25a0 Hysteresis, system, sensor ")
+    assert "limit 1 % FSO, fail" in broken
     with pytest.raises(BoatDaqError, match="no limit called"):
         judge(repeatability.sensors, {"beauty": 1.0})
 
@@ -100,7 +101,7 @@ def test_a_dead_sensor_is_named_and_in_no_mean(tmp_path: Path) -> None:
     assert analysis.sensors[0].figures["sensitivity_mv_per_mm"].value > 30
     assert analysis.system_sensitivity.void == "s2 is flat"
     report = build_report([analysis])
-    assert report.verdict.endswith("Not usable: sensor 2 is flat.")
+    assert report.verdict.startswith("\u25a0 Not a calibration: sensor 2 is flat. ")
     paragraphs = [part for section in report.sections for part in section.parts if isinstance(part, str)]
     assert sum("full-scale output is zero" in text for text in paragraphs) == 1
 

@@ -3,10 +3,8 @@
 A position p (a level of one branch) has the mean reading x_p with a variance u_p^2 and the mean signal y_p with a
 variance s_p^2. With z = x mapped to -1..1 over the means at the end levels and B = 1 loading, -1 unloading,
     y_p = f(z_p) + B_p (1 - z_p^2) (c0 + c1 z_p) / 2 + e_p,    variance of e_p = s_p^2 + f'^2 u_p^2 + t^2.
-The loop closes at both ends and is not an error of the curve. Errors in x are adjusted for, so that scattered readings
-do not flatten the curve; t^2 is a moment estimate, used if the means give reason. Sources: W. A. Fuller, Measurement
-Error Models (1987), 3.2 (adjusted x); R. DerSimonian, N. Laird, Controlled Clinical Trials 7 (1986) 177 (t^2); GUM
-(JCGM 100) 5.1.2.
+The loop closes at both ends and is not an error of the curve. t^2 is a moment estimate, where no position was read
+twice. Sources: GUM (JCGM 100) 5.1.2; R. DerSimonian, N. Laird, Controlled Clinical Trials 7 (1986) 177 (t^2).
 """
 
 from __future__ import annotations
@@ -166,7 +164,7 @@ class JointFit:
     ----------
     influence : [curve and loop, positions] d coefficients / d y_p; zero rows where a constraint holds.
     known_variance : [positions] variance of y_p about the curve by scatter and reading.
-    misfit_sd : t, the further scatter of the positions about the model.
+    misfit_sd : t, the scatter of positions that were read once about the model.
     residuals, leverage, slope_at : [positions] residual of y, leverage, and slope of the branch of each.
     """
 
@@ -315,30 +313,28 @@ def joint_fit(means: PositionMeans, basis: CurveBasis, loop_terms: int | None = 
     centre, half = (low + high) / 2, (high - low) / 2
     constrained = basis.constrained(terms)
     x, y = means.x, means.y
+    z = (x - centre) / half
+    design = np.column_stack([basis.design(z), _loop_design(z, means.branch, terms)])
+    rows = np.column_stack([basis.slope_design(z), _loop_slope_design(z, means.branch, terms)])
     floor = (_EXACT * float(np.abs(y).max(initial=1e-300))) ** 2
-    adjusted, misfit = x.copy(), 0.0
-    slope = np.full(size, float(np.polyfit(x, y, 1)[0]))
+    slope, misfit = np.full(size, float(np.polyfit(x, y, 1)[0])), 0.0
     for step in range(ITERATIONS):
         known = slope**2 * means.x_variance + means.y_variance
-        if step == 0 and not known.min() > floor:
+        read_once = means.dof == 0 or not known.min() > floor  # then the misfit alone shows the scatter
+        if step == 0 and read_once and not known.min() > floor:
             misfit = float(np.var(y)) or floor
         variance = np.maximum(known + misfit, floor)
         root = 1.0 / np.sqrt(variance)
-        z = (adjusted - centre) / half
-        design = np.column_stack([basis.design(z), _loop_design(z, means.branch, terms)])
-        target = y - slope * (x - adjusted)
-        solution, inverse, free = _solved(design * root[:, None], target * root, constrained)
+        solution, inverse, free = _solved(design * root[:, None], y * root, constrained)
         influence = np.zeros((needed, size))
         influence[free] = inverse * root
         hat = design @ influence
-        left = np.eye(size) - hat
-        residuals = target - design @ solution
-        squares, spread = left**2 / variance[:, None], float((left**2 / variance[:, None]).sum())
-        excess = float((residuals**2 / variance).sum() - (squares @ known).sum())
-        misfit = max(excess / spread, 0.0) if spread > _EXACT and size > int(free.sum()) else 0.0
-        rows = np.column_stack([basis.slope_design(z), _loop_slope_design(z, means.branch, terms)])
+        residuals = y - design @ solution
+        if read_once:
+            squares = (np.eye(size) - hat) ** 2 / variance[:, None]
+            spread, excess = float(squares.sum()), float((residuals**2 / variance).sum() - (squares @ known).sum())
+            misfit = max(excess / spread, 0.0) if spread > _EXACT and size > int(free.sum()) else 0.0
         if step < ITERATIONS - 1:
-            adjusted = x + means.x_variance * slope / variance * residuals
             slope = rows @ solution / half
             least = _LEAST_SLOPE * np.abs(slope).max()
             slope = np.where(np.abs(slope) < least, np.copysign(least, slope), slope)
@@ -346,9 +342,6 @@ def joint_fit(means: PositionMeans, basis: CurveBasis, loop_terms: int | None = 
         raise DataError(
             f"the positions do not carry {needed} coefficients", "Read more positions, or fit a lower degree."
         )
-    if means.dof > 0 and known.min() > floor and size > int(free.sum()):
-        ratio = float((residuals**2 / known).sum()) / (size - int(free.sum()))
-        misfit *= float(stats.f.sf(ratio, size - int(free.sum()), means.dof)) < SUSPECTED
     known = np.maximum(known, floor) if misfit == 0.0 else known
     split = basis.complexity
     return JointFit(

@@ -8,13 +8,13 @@ again, so that curve, covariance and inverse are those accepted; older records l
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from analysis.calibration.curve_choice import SPLINE
-from analysis.calibration.type_b import contributions
+from analysis.calibration.type_b import ONE_CYCLE, contributions
 from analysis.numbers import finite
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError
@@ -36,7 +36,7 @@ class SensorRecord:
     noise_mv, between_cycles_mv : sd of one signal, None for the residual sd of the fit, a list at equally spaced
         elongations where it changes over them; sd from cycle to cycle.
     half_loop_mv : half the width of the loop at equally spaced elongations.
-    u_reason : why U is not known; `between_cycles_mv` and `half_loop_mv` are NaN where they were not assessed.
+    u_reason, u_stand_in : why U is not known; what it rests on besides the run. What was not assessed is NaN.
     fitted : the calibration of the run, if the record was not read from a file.
     """
 
@@ -55,13 +55,15 @@ class SensorRecord:
     figures: Mapping[str, float] = field(default_factory=dict)
     void: str = ""
     u_reason: str = ""
+    u_stand_in: str = ""
     fitted: Calibration | None = None
 
     @classmethod
     def parse(cls, stored: Mapping[str, Any]) -> SensorRecord:
         """Return the record of a sensor of a stored calibration."""
         between, half_loop = stored.get("between_cycles_mv"), stored.get("half_loop_mv")
-        if u_reason := str(stored.get("u_reason") or ""):
+        u_reason, u_stand_in = (str(stored.get(key) or "") for key in ("u_reason", "u_stand_in"))
+        if u_reason or u_stand_in:
             between, half_loop = (np.nan if one is None else one for one in (between, half_loop))
         elif between is None or half_loop is None:  # the loop's rms is in the model
             between, half_loop = stored.get("model_mv") or 0.0, 0.0
@@ -80,6 +82,7 @@ class SensorRecord:
             type_b=stored.get("type_b") or {},
             figures=stored.get("figures") or {},
             u_reason=u_reason,
+            u_stand_in=u_stand_in,
         )
 
     def as_json(self) -> dict[str, Any]:
@@ -97,6 +100,7 @@ class SensorRecord:
             "between_cycles_mv": self.between_cycles_mv,
             "half_loop_mv": self.half_loop_mv.tolist() if np.isfinite(self.half_loop_mv).all() else None,
             "u_reason": self.u_reason,
+            "u_stand_in": self.u_stand_in,
             "type_b": dict(self.type_b),
             "figures": dict(self.figures),
         }
@@ -153,12 +157,15 @@ class CalibrationRecord:
     @classmethod
     def parse(cls, content: Mapping[str, Any], **origin: str) -> CalibrationRecord:
         """Return the record of a stored calibration; `origin` (unit, recording, ...) is stored beside the content."""
+        cycles, sensors = int(content.get("cycles") or 0), tuple(map(SensorRecord.parse, content.get("sensors", ())))
+        if cycles == 1:  # older records count what one cycle cannot show as zero
+            sensors = tuple(s if s.u_reason or s.u_stand_in else replace(s, u_reason=ONE_CYCLE) for s in sensors)
         return cls(
-            sensors=tuple(map(SensorRecord.parse, content.get("sensors", ()))),
+            sensors=sensors,
             simulated=bool(content.get("simulated")),
             recording_id=str(content.get("recording_id") or ""),
             curve=str(content.get("curve") or ""),
-            cycles=int(content.get("cycles") or 0),
+            cycles=cycles,
             posterior=tuple(content.get("posterior", ())),
             out_of_tolerance=tuple(content.get("poor", ())),
             **origin,

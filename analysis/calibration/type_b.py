@@ -9,7 +9,7 @@ relative to the elongation itself. Keys end in their unit.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -28,6 +28,11 @@ EXPECTED: Mapping[str, str] = {
     "temperature": "temperature",
 }
 """Name in a file -> name in a budget, of the contributions that a calibration is not complete without."""
+
+
+STAND_INS = ("repeatability", "hysteresis")
+"""Contributions that stand in for what a run did not show, and do not count where it did."""
+ONE_CYCLE = "one cycle gives no uncertainty: run three"
 
 
 class Distribution(StrEnum):
@@ -94,6 +99,17 @@ class TypeBContribution:
         if math.isfinite(self.dof):
             table["dof"] = self.dof
         return table | {key: value for key in ("certificate", "source") if (value := getattr(self, key))}
+
+
+def counted(given: Sequence[TypeBContribution], missing: Collection[str]) -> tuple[TypeBContribution, ...]:
+    """Return the contributions that count for a sensor of which the run did not show `missing`."""
+    return tuple(one for one in given if one.name not in STAND_INS or one.name in missing)
+
+
+def stand_in_text(given: Sequence[TypeBContribution], missing: Collection[str]) -> str:
+    """Return what U rests on instead of the run, as a sentence; "" where it rests on the run."""
+    used = [f"{one.name} ({one.statement})" for one in counted(given, missing) if one.name in STAND_INS]
+    return f"U rests on a stated stand-in for what the run did not show: {'; '.join(used)}" if used else ""
 
 
 class ContributionError(RequestError):

@@ -107,6 +107,8 @@ class CalibrationFile:
                 found.append(f"{sensor['name']}: the curve is {verdict}, and U is widened by what it misses")
             if sensor.get("u_reason"):
                 found.append(f"{sensor['name']}: U is not known: {sensor['u_reason']}")
+            if sensor.get("u_stand_in"):
+                found.append(f"{sensor['name']}: {sensor['u_stand_in']}")
         warned = [" ".join(filter(None, (w.get("subject"), w.get("text")))) for w in self.head["warnings"]]
         return (*found, f"an elongation is {self.head['traceability']}", *warned)
 
@@ -148,6 +150,7 @@ def _sensor(record: SensorRecord, u_mm: list[Any]) -> Mapping[str, Any]:
         "adequacy": adequacy.as_json() if adequacy is not None else None,
         "u_elongation_mm": u_mm or None,
         "u_reason": record.u_reason,
+        "u_stand_in": record.u_stand_in,
         "fit": record.fit or None,
     }
 

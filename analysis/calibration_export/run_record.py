@@ -8,6 +8,7 @@ import numpy as np
 
 from analysis.calibration.inverse import Fusion
 from analysis.calibration.record import CalibrationRecord, SensorRecord
+from analysis.calibration.type_b import counted
 from analysis.figures.sensor_analysis import AnalysedRun
 from analysis.figures.uncertainty import signal_parts
 from analysis.version import program_version
@@ -32,10 +33,12 @@ def calibration_record(analysis: AnalysedRun) -> CalibrationRecord:
 
 def sensor_record(analysis: AnalysedRun, number: int) -> SensorRecord:
     """Return the calibration of one sensor, counted from 0."""
-    sensor, type_b = analysis.sensors[number], {one.name: one.as_table() for one in analysis.options.type_b}
+    sensor, given = analysis.sensors[number], analysis.options.type_b
+    parts = signal_parts(analysis, number)
+    type_b = {one.name: one.as_table() for one in counted(given, parts.missing)}
     if sensor.calibration is None:
         return SensorRecord(sensor.name, type_b=type_b, void=sensor.calibration_void)
-    parts, points = signal_parts(analysis, number), sensor.point_plateau.astype(np.int64)
+    points = sensor.point_plateau.astype(np.int64)
     ambient = analysis.ambient_mv[number][points]
     return SensorRecord(
         name=sensor.name,
@@ -50,6 +53,7 @@ def sensor_record(analysis: AnalysedRun, number: int) -> SensorRecord:
         between_cycles_mv=parts.between_cycles,
         half_loop_mv=parts.half_loop,
         u_reason=parts.void,
+        u_stand_in=parts.stand_in,
         type_b=type_b,
         figures={key: figure.value for key, figure in sensor.figures.items() if np.isfinite(figure.value)},
         fitted=sensor.calibration,

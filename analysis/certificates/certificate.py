@@ -344,7 +344,14 @@ def _item(
         board=str(recording.meta.get("board_id") or ""),
         sensors=tuple(sensors),
         type_b=analysis.options.type_b,
-        warnings=tuple(warning.sentence for warning in analysis.warnings),
+        warnings=(
+            *(warning.sentence for warning in analysis.warnings),
+            *(
+                f"{one.name}: {text}"
+                for i, one in enumerate(analysis.sensors)
+                if (text := signal_parts(analysis, i).stand_in)
+            ),
+        ),
         previous=previous.calibrated_utc if previous is not None else "",
     )
 
@@ -381,7 +388,7 @@ def _levels(analysis: Analysis, index: int) -> tuple[Level, ...]:
     labels, of_point = np.unique(analysis.position_of(points), return_inverse=True)
     branch = analysis.branch_of(points)
     pressure = np.asarray([analysis.plateaus[i].pressure_kpa for i in points])
-    inverse, budget = Inverse.of(calibration, type_b=analysis.options.type_b), BudgetOfSensor.of(analysis, index)
+    inverse, budget = Inverse.of(calibration), BudgetOfSensor.of(analysis, index)
     found = []
     for k in range(labels.size):
         own = of_point == k

@@ -344,8 +344,10 @@ def _sampled(
     if not run.options.mcmc or calibration.spline is not None:
         return None
     fineness = fidelity(run.options.fidelity)
+    joint = calibration.joint
+    loop = 0.5 * run.branch_of(points) * joint.loop_width(calibration.x) if joint is not None else 0.0
     return sample_posterior(
-        calibration.x, calibration.y, calibration.degree, reading_sd=run.reading_sd_mm,
+        calibration.x, calibration.y - loop, calibration.degree, reading_sd=run.reading_sd_mm,
         positions=run.position_of(points), monotone=run.options.monotone, seed=run.options.seed + sensor,
         walkers=fineness.walkers, samples=run.options.posterior_samples or fineness.posterior_samples,
         progress=part_of(progress, 0, 4, 5),

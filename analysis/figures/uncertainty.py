@@ -21,7 +21,16 @@ from analysis.calibration.compare import between_calibrations_mm
 from analysis.calibration.curve_choice import CURVES, CurveCandidate, degree_of
 from analysis.calibration.fit import Calibration
 from analysis.calibration.inverse import raise_without_inverse
-from analysis.calibration.type_b import Traceability, TypeBContribution, not_assessed, traceability
+from analysis.calibration.type_b import (
+    ONE_CYCLE,
+    STAND_INS,
+    Traceability,
+    TypeBContribution,
+    counted,
+    not_assessed,
+    stand_in_text,
+    traceability,
+)
 from analysis.figures.figure import Figure
 from analysis.figures.noise_figures import noise_course
 from analysis.figures.sensor_analysis import AnalysedRun, with_curve
@@ -32,7 +41,6 @@ from protocol.base.arrays import FloatArray
 from protocol.base.errors import BoatDaqError, DataError
 from protocol.base.uncertainty import COVERAGE_FACTOR
 
-ONE_CYCLE = "one cycle gives no uncertainty: run three"
 NOT_READ = "no elongation was read"
 _CURVE_POINTS = 41
 KNOWN_COURSE = 4.0
@@ -134,7 +142,8 @@ class SignalParts:
 
     `course` is that of the noise at equally spaced x, relative to its rms, ones where it is the same everywhere.
 
-    What was not assessed is NaN, and `void` says why U is then not known. A drift that two cycles cannot show is NaN
+    What was not assessed is NaN, and `void` says why U is then not known; `missing` names it, `stand_in` says what is
+    stated instead. A drift that two cycles cannot show is NaN
     too: what they differ by is in the repeatability.
     """
 
@@ -149,6 +158,8 @@ class SignalParts:
     void: str = ""
     settling: float = 0.0
     course: FloatArray = field(default_factory=lambda: np.ones(1))
+    missing: tuple[str, ...] = ()
+    stand_in: str = ""
 
     @property
     def independent(self) -> float:
@@ -173,7 +184,7 @@ class SignalParts:
     def between_cycles(self) -> float:
         """What differs from cycle to cycle, and from the dwell to rest."""
         drift = self.drift if np.isfinite(self.drift) else 0.0
-        return float(np.sqrt(self.repeatability**2 + drift**2 + self.settling**2))
+        return float(np.sqrt(self.repeatability**2 + drift**2 + self.settling**2))  # NaN where not assessed
 
     @property
     def shared(self) -> float:
@@ -195,6 +206,10 @@ def signal_parts(analysis: AnalysedRun, sensor: int) -> SignalParts:
     mean_noise = np.nanmedian([p.signal_se_mv[sensor] for p in analysis.plateaus]) if analysis.plateaus else 0.0
     repeatability = _without(pooled * fso / 100.0, ramp, float(mean_noise))
     half_loop, no_loop = _half_loop(analysis, sensor)
+    noiseless = "" if np.isfinite(noise) else figures["noise_mv"].void or "the noise is not known"
+    missing = {"noise": noiseless, "repeatability": _unrepeated(figures, cycles), "hysteresis": no_loop}
+    missing = {name: why for name, why in missing.items() if why}
+    given = {one.name for one in counted(analysis.options.type_b, missing)}
     together = CycleEffect.of(analysis.loops, sensor)
     return SignalParts(
         noise=_without(noise, resolution, ambient),
@@ -207,17 +222,16 @@ def signal_parts(analysis: AnalysedRun, sensor: int) -> SignalParts:
         half_loop=half_loop,
         noise_dof=float(max(analysis.recording.n // 10, 1)),
         repeatability_dof=together.dof(repeatability, ramp),
-        void=_not_known(figures, cycles) or no_loop,
+        void=next((why for name, why in missing.items() if name not in given), ""),
+        missing=tuple(missing),
+        stand_in=stand_in_text(analysis.options.type_b, missing),
     )
 
 
-def _not_known(figures: Mapping[str, Figure], cycles: int) -> str:
-    """Return why noise or repeatability were not assessed; "" where both were."""
-    if cycles == 1:
-        return ONE_CYCLE
-    keys = ("noise_mv", "repeatability_percent_fso")
-    unknown = [figures[key] for key in keys if not np.isfinite(figures[key].value)]
-    return next((figure.void or "the noise is not known" for figure in unknown), "")
+def _unrepeated(figures: Mapping[str, Figure], cycles: int) -> str:
+    """Return why the repeatability was not assessed; "" where it was."""
+    figure = figures["repeatability_percent_fso"]
+    return ONE_CYCLE if cycles == 1 else "" if np.isfinite(figure.value) else figure.void
 
 
 def elongation_budget(analysis: AnalysedRun, x_mm: float, *, runs: Sequence[AnalysedRun] = ()) -> tuple[Budget, ...]:
@@ -245,12 +259,12 @@ def elongation_uncertainty(analysis: AnalysedRun, sensor: int) -> tuple[FloatArr
         return np.empty((0, 2)), error.cause
     if of_sensor.parts.void:
         return np.empty((0, 2)), of_sensor.parts.void
-    calibration = of_sensor.calibration
+    calibration, stand_in = of_sensor.calibration, of_sensor.parts.stand_in
     x, turns = np.linspace(*calibration.x_range, _CURVE_POINTS), np.asarray(calibration.turns_inside)
     level = calibration.slope(x) == 0.0
     u = np.asarray([np.nan if flat else of_sensor.at(float(at)).expanded for at, flat in zip(x, level, strict=True)])
     if not turns.size:
-        return np.column_stack([x, u]), ""
+        return np.column_stack([x, u]), stand_in
     u[np.abs(x[:, None] - turns).min(axis=1) <= u] = np.nan
     where = ", ".join(f"{turn:.3g}" for turn in turns)
     reason = f"the curve turns at {where} mm: U is for a reading whose side is known, and not given within U of a turn"
@@ -361,8 +375,13 @@ class BudgetOfSensor:
 
     def _type_b(self, x_mm: float) -> list[Component]:
         """Return the contributions that were stated, and those that are expected and were not."""
-        given = self.type_b
-        stated = [Component(one.label, float(one.u_mm(x_mm)), 1.0, one.dof, one.statement) for one in given]
+        given, missing = self.type_b, self.parts.missing
+        stated = [
+            Component(_label(one), float(one.u_mm(x_mm)), 1.0, one.dof, one.statement)
+            if one in counted(given, missing)
+            else Component(_label(one), float("nan"), source="not used: the run shows it")
+            for one in given
+        ]
         source = "not assessed: not in the file of the unit or rig"
         return [*stated, *(Component(label, float("nan"), source=source) for label in not_assessed(given))]
 
@@ -402,6 +421,10 @@ def _of_run(
 ) -> Component:  # fmt: skip
     """Return a component that the run itself shows; where it does not, its source says so."""
     return Component(name, u, per_mv, dof, source if np.isfinite(u) else f"not assessed: {void}")
+
+
+def _label(one: TypeBContribution) -> str:
+    return f"{one.label}, stated" if one.name in STAND_INS else one.label
 
 
 def _half_loop(analysis: AnalysedRun, sensor: int) -> tuple[FloatArray, str]:

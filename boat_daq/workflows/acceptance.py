@@ -228,6 +228,8 @@ def missed_bounds(run: RunCalibration, posterior: Sequence[Mapping[str, Any]] = 
         parts = [warning.text for warning in sensor.out_of_tolerance]
         if sensor.record.u_reason:
             parts.append(f"U is not known: {sensor.record.u_reason}")
+        if sensor.record.u_stand_in:
+            parts.append(sensor.record.u_stand_in)
         if i < len(posterior) and not posterior[i].get("converged", True):
             parts.append("uncertainty bands not converged")
         if parts:

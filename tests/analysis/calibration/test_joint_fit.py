@@ -97,7 +97,7 @@ def test_scattered_readings_do_not_flatten_the_curve(grid_mm: float, scatter_mm:
             errors.append((high - low) / (ends[1] - ends[0]) - exact)
     error = np.std(found) / np.sqrt(30)
     assert abs(np.mean(found)) < 3 * error
-    assert abs(np.mean(found)) < 0.01 * truth
+    assert abs(np.mean(found)) < 0.012 * truth
     assert -np.mean(plain) > 0.01 * bias_percent * truth
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from analysis import Options, Recording, analyse
 from analysis.calibration.record import CalibrationRecord, SensorRecord
+from analysis.calibration.type_b import ONE_CYCLE, contributions
 from analysis.calibration_export.calibration_file import CalibrationFile, read_calibration
 from analysis.calibration_export.conversion import convert_signals
 from analysis.calibration_export.forms import calibration_text
@@ -18,7 +19,7 @@ from analysis.calibration_export.run_record import calibration_record
 from analysis.certificates.certificate import Request, certificate_of
 from analysis.certificates.laboratory import Laboratory
 from analysis.figures.pipeline import Analysis
-from analysis.figures.uncertainty import ONE_CYCLE, signal_parts
+from analysis.figures.uncertainty import signal_parts
 from analysis.numbers import finite
 from analysis.reports.run_section import budget as budget_section
 from analysis.stopping.criterion import assess_calibration
@@ -183,3 +184,76 @@ def test_unknown_parts_are_stored_as_unknown(runs: dict[str, Analysis]) -> None:
     loading = finite(calibration_record(runs["loading read only"]).as_json())["sensors"][0]
     assert loading["half_loop_mv"] is None
     assert np.isfinite(signal_parts(runs["loading read only"], 0).repeatability)
+
+
+STATED = {
+    "repeatability": {"u_mm": 0.04, "source": "history of SA1"},
+    "hysteresis": {"half_width_mm": 0.06, "distribution": "rectangular"},
+}
+
+
+def stated(runs: dict[str, Analysis], name: str, folder: Path, *given: str) -> Analysis:
+    """Return a run analysed again with stand-ins of the unit."""
+    run = runs[name]
+    assert run.elongations is not None
+    stairs = Staircase(Plant(loop_mm=0.25), cycles=run.cycles.as_json()["complete"])
+    read = stairs.elongations()
+    if name == "loading read only":
+        read["cycle"] = [cycle for _, _, cycle in stairs.levels()]
+        read["branch"] = ["loading" if up else "unloading" for _, up, _ in stairs.levels()]
+        read = read[read["branch"] == "loading"]
+    read.to_csv(folder / "e.csv", index=False)
+    type_b = contributions({key: STATED[key] for key in given})
+    options = Options(mcmc=False, x_resolution_mm=0.0, type_b=type_b)
+    return analyse(run.recording, folder / "e.csv", options=options)
+
+
+@pytest.mark.parametrize(("name", "key"), [("one cycle", "repeatability"), ("loading read only", "hysteresis")])
+def test_a_stated_stand_in_gives_u_and_is_named_wherever_it_is(
+    runs: dict[str, Analysis], tmp_path: Path, name: str, key: str
+) -> None:
+    """JSON, budget, stored record, export, certificate; the other component alone leaves U unknown."""
+    analysis = stated(runs, name, tmp_path, key)
+    shown = finite(analysis.to_json())["sensors"][0]
+    assert shown["u_elongation_mm"] is not None
+    assert shown["u_reason"].startswith(f"U rests on a stated stand-in for what the run did not show: {key} (u = ")
+    assert analysis.budgets is not None
+    budget = analysis.budgets.budgets[0]
+    u = 0.04 if key == "repeatability" else 0.06 / np.sqrt(3.0)
+    assert {c.name: c.contribution for c in budget.components}[f"{key}, stated"] == pytest.approx(u)
+    assert budget.u > u
+    record = CalibrationRecord.parse(finite(calibration_record(analysis).as_json()))
+    reader = record.sensors[0].inverse()
+    assert 2.0 * reader.standard_uncertainty(analysis.budgets.x_mm) == pytest.approx(budget.expanded, rel=0.05)
+    assert record.sensors[0].u_stand_in == shown["u_reason"]
+    file = CalibrationFile.of_run(analysis)
+    for form in ("c", "matlab", "csv"):
+        assert "stated stand-in" in calibration_text(file, form)
+    made = certificate_of([analysis], Request(Laboratory("Lab"), "C", ("SA1",)))
+    assert any("stated stand-in" in text for text in made.items[0].warnings)
+    other = next(each for each in STATED if each != key)
+    assert not np.isfinite(stated(runs, name, tmp_path, other).budgets.budgets[0].u)  # type: ignore[union-attr]
+
+
+def test_a_stand_in_that_is_not_needed_does_not_count(runs: dict[str, Analysis], tmp_path: Path) -> None:
+    """Two cycles show both: U is that without it, and the budget says so."""
+    plain, analysis = stated(runs, "two cycles", tmp_path), stated(runs, "two cycles", tmp_path, *STATED)
+    assert plain.budgets is not None
+    assert analysis.budgets is not None
+    assert analysis.budgets.budgets[0].u == plain.budgets.budgets[0].u
+    assert analysis.u_reason == ("", "")
+    unused = [c.source for c in analysis.budgets.budgets[0].components if c.name.endswith(", stated")]
+    assert unused == ["not used: the run shows it"] * 2
+    assert calibration_record(analysis).sensors[0].type_b == {}
+
+
+def test_an_older_record_of_one_cycle_has_no_u(runs: dict[str, Analysis]) -> None:
+    """It counts as zero what one cycle cannot show; read now, U is unknown; with more cycles as before."""
+    stored = finite(calibration_record(runs["two cycles"]).as_json())
+    for sensor in stored["sensors"]:
+        for key in ("u_reason", "u_stand_in"):
+            del sensor[key]
+    for cycles, known in ((1, False), (2, True), (0, True)):
+        inverse = CalibrationRecord.parse({**stored, "cycles": cycles}).sensors[0].inverse()
+        assert np.isfinite(inverse.standard_uncertainty(0.5)) == known
+        assert (inverse.u_void == ONE_CYCLE) != known

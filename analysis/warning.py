@@ -79,6 +79,7 @@ class WarningCode(StrEnum):
     RAGGED_ROW = "ragged_row"
     NOT_A_NUMBER = "not_a_number"
     CLOCK_COLUMN = "clock_column"
+    TABLE_CHOSEN = "table_chosen"
     UNIT_GUESSED = "unit_guessed"
     UNIT_UNKNOWN = "unit_unknown"
     TIME_GUESSED = "time_guessed"

@@ -13,7 +13,9 @@ import sqlite3
 import tempfile
 import uuid
 import zlib
+from collections.abc import Callable
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from analysis.data.boat_file import opened
-from analysis.data.csv_import import import_csv
+from analysis.data.csv_import import import_csv, import_two
 from analysis.data.recording import Recording
 from analysis.version import program_version
 from protocol.base.errors import FileError, RecordingError
@@ -40,26 +42,31 @@ BLOCK_ROWS = 1_000  # as many as a row of the overview
 LATEST_S = 1e12  # 30,000 years; more microseconds than 64 bits hold are no time
 
 
-def write_boat_file(path: str | Path, recording: Recording, *, original: str | Path) -> None:
-    """Write an imported recording with the bytes of its original; FileError if the file exists or is refused."""
+def write_boat_file(
+    path: str | Path, recording: Recording, *, original: str | Path, second: Path | None = None
+) -> None:
+    """Write an imported recording with the bytes of its original, or of two; FileError if it exists or is refused."""
     path = Path(path)
+    if second is not None:
+        about = {**recording.meta, "import_bytes": Path(original).stat().st_size}
+        recording = replace(recording, meta=about)
     if path.exists():
         raise FileError(f"{path} exists already", "Choose another name: a recording is never overwritten.")
     try:
         with written_whole(path) as unfinished, closing(sqlite3.connect(unfinished)) as db, db:
-            _write(db, recording, Path(original))
+            _write(db, recording, [Path(original), *([second] if second is not None else [])])
     except (sqlite3.Error, OSError) as error:
         raise FileError(f"{path} cannot be written: {error}", "Choose another folder.") from error
 
 
-def _write(db: sqlite3.Connection, recording: Recording, original: Path) -> None:
+def _write(db: sqlite3.Connection, recording: Recording, originals: list[Path]) -> None:
     db.execute(f"PRAGMA application_id={schema.APPLICATION_ID}")
     db.execute(f"PRAGMA user_version={schema.SCHEMA_VERSION}")
     db.executescript(schema.TABLES)
     samples = packed_samples(recording)
     for key, value in _session(recording, samples).items():
         _insert(db, "session", "key, value", (key, json.dumps(value)))
-    last_chunk = _keep_original(db, original)
+    last_chunk = _keep_originals(db, originals)
     meta = recording.meta
     scale_mv = float(meta.get("vref_mv") or 0.0) / 2.0 ** int(meta.get("adc_bits") or 0)
     edges = [0, *(np.flatnonzero(np.diff(recording.segment)) + 1).tolist(), recording.n]
@@ -138,12 +145,13 @@ def _ended(started: object, duration_s: float) -> str | None:
         return None
 
 
-def _keep_original(db: sqlite3.Connection, original: Path) -> int:
+def _keep_originals(db: sqlite3.Connection, originals: list[Path]) -> int:
     number = 0
-    with original.open("rb") as file:
-        while raw := file.read(CHUNK_BYTES):
-            number += 1
-            _insert(db, "chunk", _CHUNK, (number, 0, 0, raw, zlib.crc32(raw)))
+    for original in originals:
+        with original.open("rb") as file:
+            while raw := file.read(CHUNK_BYTES):
+                number += 1
+                _insert(db, "chunk", _CHUNK, (number, 0, 0, raw, zlib.crc32(raw)))
     return number
 
 
@@ -166,8 +174,21 @@ def _insert(db: sqlite3.Connection, table: str, columns: str, values: tuple[Any,
     return db.execute(f"INSERT INTO {table} ({columns}) VALUES ({marks})", values).lastrowid  # noqa: S608
 
 
-def first_difference(path: str | Path) -> str:
+def _again(file: Path, original: bytes, meta: dict[str, Any], options: dict[str, Any]) -> Recording:
+    """Return the run of the kept bytes of one file, or of two that follow each other."""
+    if not meta.get("import_files"):
+        return import_csv(file, columns=meta["import_map"], stated=meta, **options)
+    length = int(meta["import_bytes"])
+    files = [file.with_name(f"{n}.table") for n in (1, 2)]
+    for path, raw in zip(files, (original[:length], original[length:]), strict=True):
+        path.write_bytes(raw)
+    return import_two(files[0], files[1], columns=meta["import_columns"], offset_s=meta["import_offset_s"])
+
+
+def first_difference(path: str | Path, captured: Callable[[Path, str], Recording] | None = None) -> str:
     """Import the kept bytes again and return the first difference of the samples, or "".
+
+    `captured` imports a captured text by a text profile.
 
     Raises FileError if the recording was not imported.
     """
@@ -184,7 +205,10 @@ def first_difference(path: str | Path) -> str:
         file.write_bytes(original)
         kept_options = ("rate_hz", "separator", "skip")
         options: dict[str, Any] = {name: meta.get(f"import_{name}") for name in kept_options}
-        again = packed_samples(import_csv(file, columns=meta["import_map"], **options))
+        if captured is not None and meta.get("import_text_profile"):
+            again = packed_samples(captured(file, meta["import_text_profile"]))
+        else:
+            again = packed_samples(_again(file, original, meta, options))
         again = schema.fitted(again, kept.dtype)  # an older recording has no channels
     if again.dtype != kept.dtype or again.size != kept.size:
         return f"the file gives {again.size} samples where {kept.size} are kept"

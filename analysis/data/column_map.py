@@ -281,6 +281,15 @@ def _parsed(table: Table, text: str) -> tuple[int, str, float, float]:
     raise refused
 
 
+def has_column(table: Table, text: str) -> bool:
+    """Return whether a table has the column of a text COLUMN[*SCALE][+OFFSET][:UNIT]."""
+    try:
+        _parsed(table, text)
+    except RequestError:
+        return False
+    return True
+
+
 def _ordered_stamps(table: Table, position: int, order: str) -> Column:
     """Return a column of stamps whose order of day and month is stated, which the table then holds as seconds."""
     stamps = read_stamps(table.text[position], order) if order in _ORDERS else None

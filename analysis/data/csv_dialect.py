@@ -35,6 +35,7 @@ DIALECTS = (
 )  # fmt: skip
 MISSING = {"", "nan", "na", "n/a", "null", "-", "#n/a"}
 COMMENTS = ("#", "%")
+_LVM = "LabVIEW Measurement"
 _LVM_HEAD_ENDS = "***End_of_Header***"
 # a group sign is believed only beside a decimal part or a second group: 1,650 alone may be a decimal comma
 _GROUPED = {
@@ -59,6 +60,8 @@ class Dialect:
     comments: tuple[str, ...]
     columns: int
     nuls: bool = False  # NUL bytes at the ends of lines, or of the file, are left out
+    description: str = ""  # JSON in an export of ours
+    form: str = ""  # of a file that is no text: Excel, MATLAB, ...
 
 
 def sniff(path: Path, separator: str | None = None, skip: int = 0) -> Dialect:
@@ -92,7 +95,18 @@ def sniff(path: Path, separator: str | None = None, skip: int = 0) -> Dialect:
         )
     if width > MAX_COLUMNS:
         raise FileError(f"{path.name} has {width} columns, more than {MAX_COLUMNS}", "Check that it is the right file.")
-    return replace(_dialect(lines, encoding, found, decimal, width), nuls=nuls)
+    dialect = replace(_dialect(lines, encoding, found, decimal, width), nuls=nuls)
+    return _of_labview(dialect, split[:skip]) if split[0].startswith(_LVM) else dialect
+
+
+def _of_labview(dialect: Dialect, head: list[str]) -> Dialect:
+    """Return the dialect with the units that the head of a LabVIEW measurement states."""
+    stated = {cells[0]: cells[1:] for cells in (line.split(dialect.separator) for line in head)}
+    units = ["s" if stated.get("X_Dimension", [""])[0] in ("Time", "") else ""]
+    units += [label.strip() for label in stated.get("Y_Unit_Label", [])]
+    units = (units + [""] * dialect.columns)[: dialect.columns]
+    given = (*dialect.units, *[""] * dialect.columns)
+    return replace(dialect, units=tuple(own or unit for own, unit in zip(given, units, strict=False)))
 
 
 def number(cell: str, decimal: str) -> float | None:
@@ -194,6 +208,7 @@ def _dialect(lines: list[tuple[int, str]], encoding: str, separator: str, decima
         if (
             len(cells) == width
             and _is_data(cells, decimal)
+            and _goes_on(width, lines[number_of + 1 :], separator, decimal)
             and not _is_title(cells, lines[number_of + 1 :], separator, decimal)
         ):
             data_line, bare_end = at, not cells[-1].strip()
@@ -206,6 +221,12 @@ def _dialect(lines: list[tuple[int, str]], encoding: str, separator: str, decima
         titles = [cells for cells in commented if any(number(cell, decimal) is None for cell in cells)] or titles
     header, units = _header(titles)
     return Dialect(encoding, separator, decimal, data_line, header, units, tuple(comments), width)
+
+
+def _goes_on(width: int, below: Sequence[tuple[int, str]], separator: str, decimal: str) -> bool:
+    """Return whether one of the next two rows has numbers too: a lone row above titles is part of a preamble."""
+    rows = [cells_of(line, separator) for _, line in below if not is_comment(line)][:2]
+    return not rows or any(len(row) == width and _is_data(row, decimal) for row in rows)
 
 
 def _is_title(cells: list[str], below: Sequence[tuple[int, str]], separator: str, decimal: str) -> bool:

@@ -9,16 +9,16 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from datetime import date
+from datetime import date, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from analysis.data import clocks
-from analysis.data.column_map import Column, ColumnMap, map_columns, too_many_sensors, unmapped
+from analysis.data.column_map import Column, ColumnMap, has_column, map_columns, too_many_sensors, unmapped
 from analysis.data.column_names import PLAIN, is_signal
 from analysis.data.csv_table import Table, line_of_row, read_table
 from analysis.data.recording import META_KEYS, Recording
@@ -26,10 +26,13 @@ from protocol.base.arrays import BoolArray, FloatArray, IntArray
 from protocol.base.errors import DataError, FileError, RequestError
 from protocol.base.regular_file import read_regular
 from protocol.base.whole_file import write_whole
-from protocol.recording import SampleFlag
+from protocol.recording import ExtraChannel, SampleFlag
 
 MAX_PROFILE_BYTES = 1_000_000
+MAX_SIDECAR_BYTES = 1 << 28
 MAX_COUNT = 65535
+_CHANNEL = "channel "  # of the names of extra channels among the columns
+_SINCE_1970 = (1e9, 4.1e9)  # s
 WHOLE_MAX = 2.0**53  # beyond it a float has no whole numbers of its own
 
 
@@ -43,12 +46,17 @@ def load_profile(path: str | Path) -> dict[str, str]:
     """Read a column map that `save_profile` kept; raises FileError if it is none."""
     try:
         content = json.loads(read_regular(Path(path), MAX_PROFILE_BYTES).decode("utf-8"))
-        columns = content["columns"]
-        if content["boat_daq_import"] != 1 or not all(isinstance(v, str) for v in columns.values()):
+        columns = content["map"] if "map" in content else content["columns"]
+        if content.get("boat_daq_import", 1) != 1 or not all(isinstance(v, str) for v in columns.values()):
             raise ValueError("unknown version or a column that is no text")
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise FileError(f"{path} is not an import profile ({error})", "Create one with --save-profile.") from error
+        raise FileError(
+            f"{path} is not an import profile ({error})", "Keep the output of import --preview --json."
+        ) from error
     return dict(columns)
+
+
+Place = Callable[[Mapping[str, FloatArray], Mapping[str, FloatArray]], tuple[float, float]]
 
 
 def import_csv(
@@ -60,6 +68,7 @@ def import_csv(
     separator: str | None = None,
     skip: int | None = None,
     signals_only: bool = False,
+    stated: Mapping[str, Any] | None = None,
 ) -> Recording:
     """Import a table as a recording.
 
@@ -70,6 +79,7 @@ def import_csv(
     separator : column separator, " " for white space; found when None.
     skip : lines above the table.
     signals_only : allow a file without pressure, which is NaN then.
+    stated : metadata of an export of ours, where its sidecar is not beside it.
 
     Raises
     ------
@@ -78,12 +88,96 @@ def import_csv(
     DataError : time falls, or is none; the message names the line.
     """
     path = Path(path)
-    table = read_table(path, separator, skip=skip or 0, whole_lines=True)
     wanted = {**(load_profile(profile) if profile else {}), **(columns or {})}
-    recording = _recording(path, table, map_columns(table, wanted), rate_hz, signals_only)
-    options = {"import_separator": separator, "import_skip": skip}
-    stated = {key: value for key, value in options.items() if value}
-    return replace(recording, meta={**recording.meta, **stated}) if stated else recording
+    spared = ({"time_s"} if rate_hz is not None else set()) | ({"pressure_kpa"} if signals_only else set())
+    values, meta = _run_values(path, wanted, spared, rate_hz, separator, skip, stated)
+    return _assembled(values, meta, path)
+
+
+def import_two(
+    first: Path,
+    second: Path,
+    *,
+    columns: Mapping[str, str] | None = None,
+    place: Place | None = None,
+    offset_s: float | None = None,
+) -> Recording:
+    """Import two files of one run, at the times of that with the signals, the other interpolated.
+
+    Parameters
+    ----------
+    columns : as in `import_csv`; each is of the file that has such a column, a number is of the first.
+    place : function of the values of both that returns when the second begins, in the first's time, and its standard
+        uncertainty; used where the stamps of both files do not tell.
+    offset_s : that time, where it is known.
+    """
+    found = []
+    for path, numbers in ((first, True), (second, False)):
+        wanted = _of_this_file(path, columns or {}, numbers=numbers)
+        found.append(_run_values(path, wanted, {"pressure_kpa", "s1_mv"}, None, None, None, None))
+    (one, meta), (two, second_meta) = found
+    both = f"{first.name} and {second.name}"
+    u_s, how = 0.0, "as stated"
+    if offset_s is None:
+        offset_s, how = _absolute_offset(meta, second_meta), "by their stamps"
+    if offset_s is None:
+        if place is None:
+            raise DataError(f"{both} have no common clock", "Give files with dates.")
+        (offset_s, u_s), how = place(one, two), "by cross-correlation"
+    two["time_s"] = two["time_s"] - two["time_s"][0] + offset_s
+    one["time_s"] = one["time_s"] - one["time_s"][0]
+    values = _joined(one, two, both)
+    notes = [*meta.pop("import_notes", ()), *second_meta.get("import_notes", ())]
+    text = f"{second.name} begins {offset_s:+.4f} s after {first.name}, {how}, standard uncertainty {u_s:.4f} s"
+    issues = [*meta.pop("import_issues", ()), *second_meta.get("import_issues", ())]
+    meta |= {
+        "imported_from": f"{first.name}, {second.name}", "import_files": [first.name, second.name],
+        "import_columns": dict(columns or {}), "import_offset_s": offset_s, "import_offset_u_s": u_s,
+        "import_notes": [text, *notes], **({"import_issues": issues} if issues else {}),
+    }  # fmt: skip
+    return _assembled(values, meta, first)
+
+
+def _of_this_file(path: Path, columns: Mapping[str, str], *, numbers: bool) -> dict[str, str]:
+    """Return the entries of a map whose columns a file has; a number is of the first file."""
+    table = read_table(path, whole_lines=True)
+    return {
+        name: text
+        for name, text in columns.items()
+        if has_column(table, text) and (numbers or not text.partition(":")[0].strip().isdigit())
+    }
+
+
+def _absolute_offset(first: Mapping[str, Any], second: Mapping[str, Any]) -> float | None:
+    """Return when the second file begins after the first by their dates or seconds since 1970, s; None without."""
+    begins = [meta.get("import_begins") for meta in (first, second)]
+    if None in begins:
+        return None
+    one, two = (datetime.fromisoformat(str(begin)) for begin in begins)
+    return (two - one).total_seconds()
+
+
+def _joined(one: dict[str, FloatArray], two: dict[str, FloatArray], both: str) -> dict[str, FloatArray]:
+    """Return the columns of both files at the times of that which has signals, the first where both have."""
+    main, other = (one, two) if any(map(is_signal, one)) else (two, one)
+    values, number = dict(main), 1 + sum(name.endswith("_mv") for name in main)
+    for name, column in other.items():
+        if (
+            name in (*PLAIN, "time_s")
+            or (name == "pressure_kpa" and name in values)
+            or name.endswith(("_lit", "_dark"))
+        ):
+            continue
+        own = name
+        if name.endswith("_mv") and name in values:
+            own, number = f"s{number}_mv", number + 1
+        values[own] = clocks.onto(main["time_s"], other["time_s"], column)
+    added = [np.isfinite(values[name]) for name in values if name not in main]
+    rows = np.logical_or.reduce(added) if added else np.zeros(main["time_s"].size, bool)
+    if not rows.any() or "pressure_kpa" not in values or not any(map(is_signal, values)):
+        missing = "no time in common" if added and not rows.any() else "not both a pressure and a signal"
+        raise DataError(f"{both} have {missing}", "Map the columns, or give the files of one run.")
+    return {name: column[rows] for name, column in values.items()}
 
 
 def preview(
@@ -95,12 +189,12 @@ def preview(
     skip: int = 0,
 ) -> dict[str, Any]:
     """Return what the importer sees: dialect, columns, map, first rows, warnings; an incomplete map is no error."""
-    table = read_table(path, separator, skip=skip, whole_lines=True)
+    table = _described(Path(path), read_table(path, separator, skip=skip, whole_lines=True), None)
     mapping, left_out = too_many_sensors(table, map_columns(table, columns, tolerant=True))
     by_position = {column.position: (name, column.unit) for name, column in mapping.columns.items()}
     by_position |= {position: ("channel", channel.unit) for position, channel in mapping.channels.items()}
     return {
-        "encoding": table.dialect.encoding,
+        "encoding": table.dialect.form or table.dialect.encoding,
         "separator": {" ": "white space", "\t": "tab"}.get(table.dialect.separator, table.dialect.separator),
         "decimal": table.dialect.decimal,
         "first_data_line": table.dialect.data_line + 1,
@@ -123,39 +217,66 @@ def preview(
     }  # fmt: skip
 
 
-def _recording(path: Path, table: Table, mapping: ColumnMap, rate_hz: float | None, signals_only: bool) -> Recording:
-    spared = {"time_s"} if rate_hz is not None else set()
-    spared |= {"pressure_kpa"} if signals_only else set()
+def _run_values(
+    path: Path,
+    columns: Mapping[str, str],
+    spared: set[str],
+    rate_hz: float | None,
+    separator: str | None,
+    skip: int | None,
+    stated: Mapping[str, Any] | None,
+) -> tuple[dict[str, FloatArray], dict[str, Any]]:
+    """Return the columns of a file in our units, on one rising clock, and its metadata; `spared` need not be there."""
+    table = _described(path, read_table(path, separator, skip=skip or 0, whole_lines=True), stated)
+    mapping = map_columns(table, columns)
     missing = [name for name in mapping.missing if name not in spared]
     if missing:
         raise unmapped(path.name, missing, mapping, table)
     mapping, left_out = too_many_sensors(table, mapping)
-    meta = _meta(table, mapping, path)
+    options = {"import_separator": separator, "import_skip": skip}
+    meta = _meta(table, mapping, path) | {key: value for key, value in options.items() if value}
     if left_out:
         _note(meta, left_out)
     values = {name: column.values(table) for name, column in mapping.columns.items()}
+    values |= {f"{_CHANNEL}{at}": table.columns[at] for at in mapping.channels}
     if "time_s" in values:
         values, keep = _on_one_clock(path, table, mapping, values, meta)
+        if begins := _begins(table, mapping.columns["time_s"], values["time_s"][keep]):
+            meta["import_begins"] = begins
     else:
         meta["import_rate_hz"] = rate_hz
         values["time_s"] = np.arange(table.rows) / float(rate_hz or 1.0)
         keep = np.ones(table.rows, dtype=bool)
     if not keep.any():
         raise DataError(f"{path.name} holds no row with a time", "Check the column map.")
-    values = _filled({name: column[keep] for name, column in values.items()}, table, mapping, meta)
-    if "simulated" in values:
-        meta["simulated"] = bool(np.nanmax(values["simulated"]) > 0)
-    channel = None
     if mapping.channels:
         meta["channels"] = [list(channel) for channel in mapping.channels.values()]
-        channel = np.stack([table.columns[position][keep] for position in mapping.channels], axis=1)
+    return _filled({name: column[keep] for name, column in values.items()}, table, mapping, meta), meta
+
+
+def _begins(table: Table, column: Column, time_s: FloatArray) -> str:
+    """Return the date and time of the first row where stamps or seconds since 1970 tell it, else ""."""
+    stamps = table.stamps.get(column.position)
+    if stamps is not None and stamps.midnight:
+        first = float(stamps.seconds[np.isfinite(stamps.seconds)][0] + time_s[0])
+        return (datetime.fromisoformat(stamps.midnight) + timedelta(seconds=first)).isoformat()
+    if stamps is None and time_s.size and _SINCE_1970[0] < time_s[0] < _SINCE_1970[1]:
+        return (datetime(1970, 1, 1) + timedelta(seconds=float(time_s[0]))).isoformat()
+    return ""
+
+
+def _assembled(values: dict[str, FloatArray], meta: dict[str, Any], path: Path) -> Recording:
+    """Return the recording of columns in our units."""
+    if "simulated" in values:
+        meta["simulated"] = bool(np.nanmax(values["simulated"]) > 0)
+    channels = [column for name, column in values.items() if name.startswith(_CHANNEL)]
     signal, lit, dark = _signals(values, meta)
     whole = _whole_numbers(values, meta)
     pressure = values.get("pressure_kpa", np.full(signal.shape[0], np.nan))
     return Recording.from_arrays(
         values["time_s"] - values["time_s"][0], pressure, signal, lit=lit, dark=dark,
         **({"target_kpa": values["target_kpa"]} if "target_kpa" in values else {}), **whole, meta=meta,
-        channel=channel,
+        channel=np.stack(channels, axis=1) if channels else None,
         source=str(path),
     )  # fmt: skip
 
@@ -384,3 +505,26 @@ def _meta(table: Table, mapping: ColumnMap, path: Path) -> dict[str, Any]:
                 content = None
             meta[key.strip()] = content if isinstance(content, str | int | float) else value.strip()
     return meta
+
+
+def _described(path: Path, table: Table, stated: Mapping[str, Any] | None) -> Table:
+    """Return the table of an export of ours with the metadata in or beside it, or stated, as comments."""
+    dialect, beside = table.dialect, path.with_suffix(".json")
+    if stated is not None:
+        text = json.dumps({"session": {key: stated.get(key) for key in (*META_KEYS, "channels")}})
+    elif not dialect.form and "index" in table.names and beside.is_file():
+        text = read_regular(beside, MAX_SIDECAR_BYTES).decode("utf-8", errors="replace")
+    else:
+        text = dialect.description
+    return replace(table, dialect=replace(dialect, comments=(*dialect.comments, *own_comments(text))))
+
+
+def own_comments(text: str) -> tuple[str, ...]:
+    """Return session and channels of the description in or beside an export of ours as comments of a text file."""
+    try:
+        session = dict(json.loads(text)["session"]) if text else {}
+        channels = [ExtraChannel(*channel) for channel in session.get("channels") or ()]
+    except (ValueError, TypeError, KeyError):
+        return ()
+    stated = [f"{key}: {json.dumps(value)}" for key, value in session.items() if isinstance(value, str | int | float)]
+    return (*stated, *(f"channel {channel.column}: {channel.quantity}" for channel in channels))

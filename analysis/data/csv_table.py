@@ -12,6 +12,7 @@ import io
 import itertools
 import math
 import re
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -32,6 +33,7 @@ from analysis.data.csv_dialect import (
     records,
     sniff,
 )
+from analysis.data.table_files import FileColumns, kind_of, read_columns, sheet_text
 from analysis.warning import Warning, WarningCode
 from protocol.base.errors import FileError, RequestError
 
@@ -102,6 +104,9 @@ def read_table(path: str | Path, separator: str | None = None, *, skip: int = 0,
     """
     path = Path(path)
     try:
+        kind = kind_of(path) if path.is_file() else ""
+        if kind:
+            return _from_sheet(path, skip) if kind == "Excel" else _from_columns(read_columns(path, kind))
         dialect = sniff(path, separator, skip)
         torn = whole_lines and _is_torn(path, dialect)
         frame = _fast(path, dialect)
@@ -124,6 +129,27 @@ def read_table(path: str | Path, separator: str | None = None, *, skip: int = 0,
         np.full(len(frame), np.nan) if at in text else frame[at].to_numpy(np.float64) for at in range(frame.shape[1])
     )
     return _with_clocks(_table(dialect, columns, text, warnings))
+
+
+def _from_sheet(path: Path, skip: int) -> Table:
+    """Return the table of a workbook, read as the text that its sheet shows."""
+    text, sheet = sheet_text(path)
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / path.name  # whose name is that of the errors
+        copy.write_text(text, encoding="utf-8")
+        table = read_table(copy, ",", skip=skip)
+    said = [Warning(WarningCode.TABLE_CHOSEN, "", f"sheet {sheet!r} has the most numbers: taken")] if sheet else []
+    return replace(table, dialect=replace(table.dialect, form="Excel"), warnings=(*said, *table.warnings))
+
+
+def _from_columns(found: FileColumns) -> Table:
+    dialect = Dialect("", "", ".", 0, found.names, found.units, (), len(found.names), form=found.kind)
+    dialect = replace(dialect, description=found.description)
+    said = []
+    if found.left_out:
+        text = f"{found.left_out} arrays of another length than {found.values[0].size} left out"
+        said.append(Warning(WarningCode.TABLE_CHOSEN, "", text))
+    return replace(_table(dialect, found.values, {}, said), stamps=found.stamps)
 
 
 def _is_torn(path: Path, dialect: Dialect) -> bool:
@@ -305,6 +331,8 @@ def _is_text(words: list[str], values: npt.NDArray[np.float64]) -> bool:
 
 def line_of_row(path: Path, dialect: Dialect, row: int) -> int:
     """Return the line, counted from 1, of data row `row`, counted from 0."""
+    if dialect.form:
+        return dialect.data_line + row + 1
     for at, (line_number, _) in enumerate(records(_lines(path, dialect))):
         if at == row:
             return line_number

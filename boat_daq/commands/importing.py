@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -26,11 +25,13 @@ _FORMATS: tuple[Format, ...] = ("csv", "parquet", "hdf5", "mat", "rosbag", "rosb
 
 
 def importing(
-    file: Annotated[Path, typer.Argument(metavar="FILE.csv", help="File to import.")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE [FILE]", help="File to import, or two of one run.")],
     to: Annotated[Path | None, typer.Option("--out", metavar="FILE.boat", help="Recording to write.")] = None,
     mapping: MapOption = None,
-    profile: Annotated[Path | None, typer.Option(help="Map that was saved before.")] = None,
-    save_profile: Annotated[Path | None, typer.Option(help="File to save the map in.")] = None,
+    skip: Annotated[int | None, typer.Option(min=0, metavar="N", help="Lines above the table to skip.")] = None,
+    text_profile: Annotated[
+        Path | None, typer.Option(metavar="FILE.toml", help="Text profile of a captured serial text.")
+    ] = None,
     rate: RateOption = None,
     unit: Annotated[str | None, typer.Option(metavar="NAME", help="Unit that was measured.")] = None,
     started: Annotated[
@@ -42,55 +43,59 @@ def importing(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Import a CSV file into a recording.
+    """Import a table into a recording: CSV, Excel, MATLAB, HDF5, Parquet, LabVIEW text, captured serial text.
 
     Separator, decimal sign, encoding, header and units are detected. Columns that are not recognised are mapped by name
-    or by number from 1. Unit and time of the run are those of the comment lines, or as stated, else not known.
+    or by number from 1; cell * SCALE + OFFSET is the value in UNIT. `--preview --json` prints a map that `--map FILE`
+    uses again. Unit and time of the run are those of the file, or as stated, else not known.
 
-    Example: boat-daq import lab.csv --out lab.boat --map pressure_kpa=3:bar --map s1_mv="Sensor A:V"
+    Two files are joined at their dates, else where they follow each other; the offset is stated.
+
+    Example: boat-daq import lab.csv --out lab.boat --map pressure_kpa=3*25-12.5:kPa --map s1_mv="Sensor A:V"
     """
-    from analysis.data import csv_import as importer
-    from analysis.data.column_map import map_columns
-
-    columns = importer.load_profile(profile) if profile else {}
-    columns |= column_map(mapping)
-    if save_profile is not None:
-        from analysis.data.csv_table import read_table
-
-        table = read_table(file)
-        importer.save_profile(save_profile, map_columns(table, columns), table)
-        notify(f"saved the map in {save_profile}")
+    if len(files) > 2:
+        raise typer.BadParameter("give one file, or two of one run", param_hint="FILE")
+    columns = column_map(mapping)
     if preview:
-        content = importer.preview(file, columns)
+        from analysis.data.csv_import import preview as seen_in
+
+        seen = [seen_in(file, columns, skip=skip or 0) for file in files]
         if as_json:
-            emit_json(content)
+            emit_json(seen[0] if len(seen) == 1 else {"files": seen})
         else:
-            _show(content)
+            for content in seen:
+                _show(content)
         return
     if to is None:
         raise typer.BadParameter("give --out FILE.boat, or --preview")
-    recording = importer.import_csv(file, columns=columns, rate_hz=rate)
-    stated = {"unit": unit, "started_utc": started.astimezone(UTC).isoformat() if started is not None else None}
-    meta = {**recording.meta, **{key: value for key, value in stated.items() if value}}
-    recording = replace(recording, meta=meta)
-    from analysis.data.boat_writer import write_boat_file
+    if len(files) > 1 and not (skip is None and text_profile is None and rate is None):
+        raise typer.BadParameter("two files are joined by their own times: omit --skip, --text-profile and --rate")
+    from boat_daq.workflows.run_files import import_files
 
-    write_boat_file(to, recording, original=file)
+    stated = {"unit": unit, "started_utc": started.astimezone(UTC).isoformat() if started is not None else None}
+    known = {key: value for key, value in stated.items() if value}
+    recording = import_files(files, to, columns, known, text_profile=text_profile, rate_hz=rate, skip=skip)
     notes = [*recording.meta.get("import_notes", ()), *recording.meta.get("import_issues", ())]
     for note in notes:
         notify(note)
     if as_json:
+        offset = {key: recording.meta[f"import_{key}"] for key in ("offset_s", "offset_u_s") if len(files) > 1}
         emit_json({"file": to, "samples": recording.n, "map": recording.meta["import_map"], "notes": notes,
-                   "masked": dict(recording.masked), "gaps": len(recording.gaps)})  # fmt: skip
+                   "masked": dict(recording.masked), "gaps": len(recording.gaps), **offset})  # fmt: skip
     else:
         notify(f"wrote {to}: {recording.n} samples, {recording.n_sensors} sensors, {recording.duration_s:.1f} s")
 
 
 def column_map(mapping: list[str] | None) -> dict[str, str]:
-    """Return the options `--map NAME=COLUMN[:UNIT]` as NAME -> COLUMN[:UNIT]."""
-    columns = {}
+    """Return the options `--map` as NAME -> COLUMN[*SCALE][+OFFSET][:UNIT]; one may be a file with a kept map."""
+    columns: dict[str, str] = {}
     for text in mapping or ():
-        name, _, column = text.partition("=")
+        name, sign, column = text.partition("=")
+        if not sign and text.endswith(".json"):
+            from analysis.data.csv_import import load_profile
+
+            columns |= load_profile(text)
+            continue
         if not name or not column:
             raise typer.BadParameter(f"{text!r} is not NAME=COLUMN[:UNIT]", param_hint="--map")
         columns[name] = column
@@ -98,10 +103,8 @@ def column_map(mapping: list[str] | None) -> dict[str, str]:
 
 
 def _show(content: dict[str, Any]) -> None:
-    show(
-        f"{content['rows']} rows from line {content['first_data_line']}, {content['encoding']}, separated by "
-        f"{content['separator']!r}, decimal {content['decimal']!r}"
-    )
+    written = f", separated by {content['separator']!r}, decimal {content['decimal']!r}" if content["separator"] else ""
+    show(f"{content['rows']} rows from line {content['first_data_line']}, {content['encoding']}{written}")
     rows = []
     for column in content["columns"]:
         imported, first = f"{column['taken_as']} {column['taken_unit']}".strip(), "  ".join(map(str, column["first"]))

@@ -30,8 +30,8 @@ MapOption = Annotated[
     list[str] | None,
     typer.Option(
         "--map",
-        metavar="NAME=COLUMN[:UNIT]",
-        help="Column of a CSV for time_s, pressure_kpa, target_kpa, s1_mv, s1_lit, ...; may be repeated.",
+        metavar="NAME=COLUMN[*SCALE][+OFFSET][:UNIT]",
+        help="Column for time_s, pressure_kpa, elongation_mm, target_kpa, s1_mv, ..., or FILE.json; may be repeated.",
     ),
 ]
 RateOption = Annotated[

@@ -100,9 +100,10 @@ def verify_import(run: Path) -> Verification:
     from analysis.data.boat_writer import first_difference
     from boat_daq.engine.recording.summary import summarise
     from boat_daq.engine.recording.verify import Verification
+    from boat_daq.workflows.text_capture import import_capture
 
     begun = time.perf_counter()
-    difference = first_difference(run)
+    difference = first_difference(run, import_capture)
     return Verification(not difference, difference, summarise(run).samples, 0, 0, time.perf_counter() - begun)
 
 

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from analysis.fidelity import Level
 from analysis.progress import Progress, part_of
 from boat_daq.workflows.calibration_in_force import chosen_curve, exported_elongation, stated_contributions
 from boat_daq.workflows.run_analysis import analysed_run
 from protocol.base.units import STORED_UNITS, ShownUnits
+
+if TYPE_CHECKING:
+    from analysis.data.recording import Recording
 
 WRITING = 2  # duration of setting a report, in analyses of a run
 
@@ -69,15 +73,37 @@ def preview_table(path: Path, separator: str | None) -> dict[str, Any]:
     return preview(path, separator=separator) | {"units": units}
 
 
+def import_files(
+    paths: Sequence[Path],
+    target: Path,
+    columns: Mapping[str, str],
+    stated: Mapping[str, str],
+    *,
+    text_profile: Path | None = None,
+    **options: Any,
+) -> Recording:
+    """Write one or two files as a recording and return it; `options` are those of `import_csv`."""
+    from analysis.data.boat_writer import write_boat_file
+    from analysis.data.csv_import import import_csv, import_two
+    from analysis.tracking.second_file import place_second
+    from boat_daq.workflows.text_capture import import_capture
+
+    if text_profile is not None:
+        recording = import_capture(paths[0], text_profile)
+    elif len(paths) == 1:
+        recording = import_csv(paths[0], columns=columns, **options)
+    else:
+        recording = import_two(paths[0], paths[1], columns=columns, place=place_second)
+    recording = replace(recording, meta={**recording.meta, **stated})
+    write_boat_file(target, recording, original=paths[0], second=paths[1] if len(paths) > 1 else None)
+    return recording
+
+
 def import_table(
     path: Path, target: Path, columns: Mapping[str, str], rate_hz: float | None, separator: str | None
 ) -> list[str]:
-    """Write a CSV file as a recording, with the columns of `import_csv`; return the notes of the importer."""
-    from analysis.data.boat_writer import write_boat_file
-    from analysis.data.csv_import import import_csv
-
-    recording = import_csv(path, columns=columns, rate_hz=rate_hz, separator=separator)
-    write_boat_file(target, recording, original=path)
+    """Write a table as a recording, with the columns of `import_csv`; return the notes of the importer."""
+    recording = import_files([path], target, columns, {}, rate_hz=rate_hz, separator=separator)
     return [*recording.meta.get("import_notes", ()), *recording.meta.get("import_issues", ())]
 
 

@@ -21,6 +21,7 @@ EXTRAS = {  # module: name of the library, extra that brings it, what to install
     "pyarrow": ("pyarrow", "parquet", ("pyarrow>=15",)),
     "pylsl": ("pylsl", "lsl", ("pylsl>=1.17,<2",)),
     "xarray": ("xarray", "xarray", ("xarray>=2024.1",)),
+    "python_calamine": ("calamine, which reads Excel,", "excel", ("python-calamine>=0.3,<1",)),
     "rosbags": ("rosbags", "rosbag", ("rosbags>=0.10,<0.12",)),
 }
 

@@ -257,9 +257,11 @@ def _labelled(lines: Sequence[str], assign: str, delimiter: str, decimal: str) -
     rows = []
     for line in lines:
         parts = assign.join(part.strip() for part in line.split(assign)).split(None if delimiter == " " else delimiter)
-        pairs = [part.strip().partition(assign) for part in parts]
-        if all(label.strip() and _is_number(text.strip(), decimal) for label, _, text in pairs):
-            rows.append([(label.strip(), text.strip()) for label, _, text in pairs])
+        found = [part.strip().partition(assign) for part in parts]
+        pairs = [(label.strip(), text.strip()) if sign else ("", label.strip()) for label, sign, text in found]
+        alone = sum(not label for label, _ in pairs)  # a time before the labels
+        if alone <= min(1, len(pairs) - 1) and all(_is_number(text, decimal) for _, text in pairs):
+            rows.append(pairs)
     order = {label: None for row in rows[:1] for label, _ in row}
     rows = [sorted(row, key=lambda pair: list(order).index(pair[0])) for row in rows if {p[0] for p in row} == {*order}]
     keys = {"style": "labels", "assign": assign, "delimiter": delimiter}

@@ -105,11 +105,15 @@ class LineReader(ByteReader):
         return row + [self._channel(fields[at], at) for at in self._format.channels] if self._format.channels else row
 
     def _by_label(self, line: bytes) -> list[bytes]:
-        """Return the fields in the order of the profile; none where a label is unknown, missing or given twice."""
+        """Return the fields in the order of the profile; none where a label is unknown, missing or given twice.
+
+        A number alone is the field whose label is empty.
+        """
         assign, delimiter = self._format.assign, self._format.delimiter
         line = assign.join(part.strip() for part in line.split(assign))
         parts = line.split(None if delimiter == b" " else delimiter)
-        return self._in_order([(label.strip(), text) for label, _, text in (part.partition(assign) for part in parts)])
+        pairs = [part.partition(assign) for part in parts]
+        return self._in_order([(label.strip(), text) if found else (b"", label) for label, found, text in pairs])
 
     def _of_json(self, line: bytes) -> list[bytes]:
         """Return the values of a line of JSON in the order of the profile; those inside others by `outer.inner`."""

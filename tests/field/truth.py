@@ -14,6 +14,7 @@ import numpy as np
 
 from analysis import analyse
 from analysis.data.csv_import import import_csv
+from analysis.data.recording import Recording
 from protocol.base.arrays import FloatArray
 
 FSO_MV, HYSTERESIS, NOISE_MV = 300.0, 3.84, 0.30
@@ -68,9 +69,9 @@ def put(folder: Path, lines: list[str], name: str = "case.csv") -> Path:
     return path
 
 
-def figures(path: Path, **options: Any) -> tuple[dict[str, float], list[str]]:
+def figures(recording: Recording) -> tuple[dict[str, float], list[str]]:
     """Return the figures of the first sensor, and all that was said."""
-    found = analyse(import_csv(path, **options), mcmc=False)
+    found = analyse(recording, mcmc=False)
     values = {name: figure.value for name, figure in found.sensors[0].figures.items()}
     said = [*found.recording.meta.get("import_notes", ()), *found.recording.meta.get("import_issues", ())]
     return values, [*said, *(warning.sentence for warning in found.warnings)]
@@ -78,7 +79,12 @@ def figures(path: Path, **options: Any) -> tuple[dict[str, float], list[str]]:
 
 def is_the_truth(path: Path, said: str = "", **options: Any) -> None:
     """Check that a file gives the known figures, and that something is said of it."""
-    values, texts = figures(path, **options)
+    are_the_truth(import_csv(path, **options), said)
+
+
+def are_the_truth(recording: Recording, said: str = "") -> None:
+    """Check that a recording has the known figures, and that something is said of it."""
+    values, texts = figures(recording)
     assert abs(values["fso_mv"] - FSO_MV) < 0.5
     assert abs(values["system_hysteresis_percent_fso"] - HYSTERESIS) < 0.03
     assert abs(values["noise_mv"] - NOISE_MV) < 0.02

@@ -141,12 +141,12 @@ class CsvImport:
         if not seen:
             return f"Reading {self.path.name} \u2026"
         names = {value: name for name, value in SEPARATORS if value} | {"white space": "space"}
+        size = f"{count(seen['rows'], 'row')}, {count(len(self.columns), 'column')}"
+        if not seen["separator"]:
+            return f"{size}; {seen['encoding']}"
         sign = {".": "point", ",": "comma"}[seen["decimal"]]
         separator = names.get(seen["separator"], seen["separator"])
-        return (
-            f"{count(seen['rows'], 'row')}, {count(len(self.columns), 'column')}; separator {separator}, "
-            f"decimal {sign}, {seen['encoding']}"
-        )
+        return f"{size}; separator {separator}, decimal {sign}, {seen['encoding']}"
 
     def warnings(self) -> tuple[str, ...]:
         """Return what the importer had to guess, or could not read."""

@@ -1,0 +1,173 @@
+"""Files of other programs that are no CSV: Excel, MATLAB, HDF5, Parquet, LabVIEW, captured serial text, own exports."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis.data.boat_writer import first_difference, write_boat_file
+from analysis.data.csv_import import import_csv, preview
+from analysis.data.export import export
+from boat_daq.workflows.text_capture import import_capture
+from protocol.base.errors import BoatDaqError
+from protocol.text.proposal import propose
+from tests.field.truth import Run, are_the_truth, is_the_truth, put
+
+NOON = datetime(2024, 5, 26, 12)
+HEAD = ("Time (s)", "Pressure (kPa)", "S1 (mV)")
+
+
+def arrays(run: Run) -> dict[str, np.ndarray]:
+    """Return the columns by variable."""
+    return {"time_s": run.time_s, "pressure_kpa": run.pressure_kpa, "s1_mv": run.signal_mv}
+
+
+def workbook(path: Path, run: Run) -> None:
+    """Write a workbook with a sheet of notes, titles in the third row, stamps of Excel."""
+    from openpyxl import Workbook
+
+    book = Workbook(write_only=True)
+    book.create_sheet("Notes").append(["bench 3"])
+    sheet = book.create_sheet("Data")
+    sheet.append(["Bench 3", 7])
+    sheet.append([])
+    sheet.append(["Time", *HEAD[1:]])
+    for t, p, s in zip(run.time_s, run.pressure_kpa, run.signal_mv, strict=True):
+        sheet.append([NOON + timedelta(seconds=float(t)), float(p), float(s)])
+    book.save(path)
+
+
+def mat(path: Path, run: Run) -> None:
+    """Write vectors in a MAT file of version 5."""
+    from scipy.io import savemat
+
+    savemat(path, arrays(run) | {"note": "bench 3", "gain": 2.0})
+
+
+def simulink(path: Path, run: Run) -> None:
+    """Write a structure with time."""
+    from scipy.io import savemat
+
+    signals = np.empty(2, object)
+    for k, (label, values) in enumerate((("Pressure (kPa)", run.pressure_kpa), ("S1 (mV)", run.signal_mv))):
+        signals[k] = {"values": values, "label": label, "dimensions": 1.0}
+    savemat(path, {"out": {"time": run.time_s, "signals": signals, "blockName": "bench"}})
+
+
+def mat73(path: Path, run: Run) -> None:
+    """Write vectors as MATLAB 7.3 does: rows, behind a head of 512 bytes."""
+    import h5py
+
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, values in arrays(run).items():
+            file.create_dataset(name, data=values[None, :])
+    with path.open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(116) + b" " * 8 + b"\x00\x02IM")
+
+
+def hdf5(path: Path, run: Run) -> None:
+    """Write datasets in a group, with units, and a matrix."""
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        group = file.create_group("measurement")
+        for name, unit, values in (("time", "ms", 1e3 * run.time_s), ("pressure", "bar", run.pressure_kpa / 100)):
+            group.create_dataset(name, data=values).attrs["units"] = unit
+        group.create_dataset("S1 (mV)", data=np.column_stack([run.signal_mv]))
+
+
+def parquet(path: Path, run: Run) -> None:
+    """Write a frame with stamps."""
+    import pandas as pd
+
+    stamps = pd.to_datetime(NOON) + pd.to_timedelta(np.round(run.time_s * 1e6), unit="us")
+    pd.DataFrame({"Timestamp": stamps, HEAD[1]: run.pressure_kpa, HEAD[2]: run.signal_mv}).to_parquet(path)
+
+
+def lvm(path: Path, run: Run) -> None:
+    """Write a LabVIEW measurement: two heads, units in the second, a column of comments."""
+    head = ["LabVIEW Measurement\t", "Writer_Version\t2", "Separator\tTab", "Decimal_Separator\t.", "X_Columns\tOne",
+            "***End_of_Header***\t", "", "Channels\t2\t\t", f"Samples\t{run.time_s.size}\t{run.time_s.size}",
+            "Y_Unit_Label\tkPa\tmV", "X_Dimension\tTime\tTime", "Delta_X\t0.02\t0.02", "***End_of_Header***\t\t\t",
+            "X_Value\tPressure\tSignal\tComment"]  # fmt: skip
+    path.write_text("\n".join(run.lines("{:.6f}\t{:.6f}\t{:.6f}", "\n".join(head))) + "\n", encoding="utf-8")
+
+
+WRITERS = {"lab.xlsx": workbook, "v5.mat": mat, "simulink.mat": simulink, "v73.mat": mat73, "lab.h5": hdf5,
+           "lab.parquet": parquet, "lab.lvm": lvm}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_files_of_other_programs(tmp_path: Path, run: Run, name: str) -> None:
+    """Each gives the known figures, shows its preview, and the import can be repeated from its bytes."""
+    path = tmp_path / name
+    WRITERS[name](path, run)
+    is_the_truth(path)
+    assert preview(path)["missing"] == []
+    recording = import_csv(path)
+    write_boat_file(tmp_path / "a.boat", recording, original=path)
+    assert first_difference(tmp_path / "a.boat") == ""
+
+
+@pytest.mark.parametrize("format", ["csv", "mat", "hdf5", "parquet"])
+def test_own_exports_are_read(tmp_path: Path, run: Run, format: str) -> None:
+    """Samples, unit and the mark SIMULATED come back."""
+    first = import_csv(put(tmp_path, run.lines()))
+    marked = replace(first, meta={**first.meta, "unit": "SA1", "simulated": True})
+    path = tmp_path / f"out.{ {'hdf5': 'h5'}.get(format, format) }"
+    export(marked, path, format)
+    again = import_csv(path)
+    np.testing.assert_allclose(again.signal_mv, first.signal_mv)
+    assert (again.unit, again.simulated) == ("SA1", True)
+    is_the_truth(path)
+
+
+BROKEN = {
+    "a.xlsx": b"PK\x03\x04broken", "a.mat": b"MATLAB 5.0 MAT-file broken", "a.h5": b"\x89HDF\r\n\x1a\nbroken",
+    "a.parquet": b"PAR1broken",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_file_is_refused(tmp_path: Path, name: str) -> None:
+    """By its name."""
+    (tmp_path / name).write_bytes(BROKEN[name])
+    with pytest.raises(BoatDaqError, match=name):
+        import_csv(tmp_path / name)
+
+
+def test_a_capture_is_read_through_its_profile(cases: Path, tmp_path: Path) -> None:
+    """The profile that is proposed from the capture reads it."""
+    import tomli_w
+
+    path = cases / "m18_serial_capture.txt"
+    profile = tomli_w.dumps(propose(path.read_bytes()).content("monitor"))
+    recording = import_capture(path, profile)
+    are_the_truth(recording)
+    write_boat_file(tmp_path / "a.boat", recording, original=path)
+    assert first_difference(tmp_path / "a.boat", import_capture) == ""
+
+
+CAPTURES = {
+    "stamps of a monitor": ("12:00:00.125 -> {:.2f},{:.3f},{:.2f}", 'fields = [{ name = "time", unit = "s" }, '
+                            '{ name = "pressure", unit = "kPa" }, { name = "s1_signal", unit = "mV" }]'),
+    "JSON": ('{{"t": {:.2f}, "p": {:.3f}, "s": {:.2f}}}', 'style = "json"\nfields = [{ name = "time", unit = "s", '
+             'label = "t" }, { name = "pressure", unit = "kPa", label = "p" }, { name = "s1_signal", unit = "mV", '
+             'label = "s" }]'),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CAPTURES)
+def test_other_captures(tmp_path: Path, run: Run, name: str) -> None:
+    """Text before the lines, and a torn last line, are left out and named."""
+    form, lines = CAPTURES[name]
+    profile = f'name = "m"\nkind = "lines"\n[device]\nn_sensors = 1\nrate_hz = 50\n[lines]\n{lines}\n'
+    path = put(tmp_path, ["Ready.", *run.lines(form, "")], "capture.txt")
+    path.write_bytes(path.read_bytes()[:-5])
+    recording = import_capture(path, profile)
+    are_the_truth(recording)
+    assert "the last line has no end: left out" in recording.meta["import_notes"]

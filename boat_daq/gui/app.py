@@ -24,6 +24,7 @@ from PySide6.QtCore import (
 from PySide6.QtGui import QIcon
 from PySide6.QtWidgets import QApplication
 
+from boat_daq.engine.link.reader import raise_priority
 from boat_daq.engine.screen import WITHOUT_WINDOW
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, home, load_settings, recordings_folder
@@ -138,6 +139,7 @@ def run(
     ----------
     profile : path of the text profile of the firmware on `port`.
     """
+    raise_priority()  # Python's lock, which the reading thread waits for, is mostly held by this one
     app = make_application()
     window = make_window()
     model = window.model

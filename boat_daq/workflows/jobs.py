@@ -71,7 +71,7 @@ def _yield_to_acquisition() -> None:
 
         ctypes.windll.kernel32.SetPriorityClass(ctypes.windll.kernel32.GetCurrentProcess(), 0x40)  # IDLE_PRIORITY_CLASS
     else:
-        os.nice(_LOWEST_NICE)
+        os.setpriority(os.PRIO_PROCESS, 0, _LOWEST_NICE)
     if sys.platform == "linux" and len(cores := sorted(os.sched_getaffinity(0))) > 1:
         os.sched_setaffinity(0, cores[1:])
 

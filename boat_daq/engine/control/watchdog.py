@@ -12,11 +12,11 @@ from collections import deque
 from protocol.link.messages import Command, Heartbeat
 
 LONGEST_MS = 5000
-REAL_TIME_MS = 1000
+REAL_TIME_MS = 3000  # a busy computer may be that late: see `UNREAD_S`
 FAST = 1.5  # board time over host time above which a board is a virtual one
 SPEED_SPAN_S = 2.0
 SPEED_KNOWN_S = 0.1
-FEEDS_PER_TIMEOUT = 4
+FEEDS_PER_TIMEOUT = 12
 REPEAT_MS = 250  # a command without an answer goes out again
 REPEATS_WITHIN = 0.6  # of a timeout they feed well enough: up to 12x
 FEEDS_OF_A_FAST_BOARD = 10

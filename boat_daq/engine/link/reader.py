@@ -191,7 +191,10 @@ def _name(sink: Sink) -> str:
 
 
 def raise_priority() -> bool:
-    """Have the system run this thread before others, so that a busy computer delays it less; return whether it does."""
+    """Have the system run this thread before others, so that a busy computer delays it less; return whether it does.
+
+    On Linux, what this thread starts has its priority too.
+    """
     if sys.platform == "linux":
         try:
             os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), URGENT_NICE)

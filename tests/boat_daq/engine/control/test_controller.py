@@ -10,6 +10,7 @@ import pytest
 
 from boat_daq.engine.control.board_commands import BoardCommands
 from boat_daq.engine.control.preflight import ZERO_SAMPLES
+from boat_daq.engine.control.watchdog import REAL_TIME_MS
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.sample_columns import Columns, passed_us
 from boat_daq.engine.snapshot import RunEnding, SessionState
@@ -228,7 +229,7 @@ def test_unplugged_under_pressure_the_board_vents_by_itself() -> None:
     rig.control.link_lost("the port is gone")
     rig.flush()
     assert rig.state is SessionState.FAULT
-    rig.run(1.0 + 1.5)
+    rig.run(REAL_TIME_MS / 1e3 + 1.5)
     assert vented(rig)
     rig.replug()
     rig.run(5.0)
@@ -237,12 +238,12 @@ def test_unplugged_under_pressure_the_board_vents_by_itself() -> None:
 
 @pytest.mark.fault(18, how="the host stops at instants of a run", times=4)
 def test_a_dead_host_leaves_no_pressure() -> None:
-    """The host stops at 4 instants of a run: 2.5 s later the unit is at rest, every time."""
+    """The host stops at 4 instants of a run: at rest 1.5 s after its watchdog expires, every time."""
     for n in range(4):
         rig = ControllerRig(seed=n).running(dataclasses.replace(QUICK, cycles=2))
         rig.run(1.0 + 3.3 * n)
         rig.host_alive = False
-        rig.run(1.0 + 1.5)
+        rig.run(REAL_TIME_MS / 1e3 + 1.5)
         assert vented(rig), n
 
 
@@ -252,7 +253,7 @@ def test_the_next_start_reports_what_happened() -> None:
     rig = ControllerRig().running()
     rig.run(3.0)
     rig.host_alive = False
-    rig.run(4.0)
+    rig.run(5.0)
     later = ControllerRig()
     later.board = rig.board
     later.replug()
@@ -309,9 +310,9 @@ def test_the_zero_of_the_pressure_sensor_is_checked() -> None:
         rig.control.start()
 
 
-@pytest.mark.parametrize(("speed", "timeout_ms"), [(1.0, 1000), (100.0, 5000)])
+@pytest.mark.parametrize(("speed", "timeout_ms"), [(1.0, REAL_TIME_MS), (100.0, 5000)])
 def test_the_watchdog_is_fed_through_a_run_at_any_speed(speed: float, timeout_ms: int) -> None:
-    """At 1x with 1 s and at 100x with 5 s of the board's time, a healthy host never trips it."""
+    """At 1x with 3 s and at 100x with 5 s of the board's time, a healthy host never trips it."""
     rig = ControllerRig(speed=speed).running()
     assert rig.control.board.feeder.armed_ms == timeout_ms
     assert rig.run(300, lambda: rig.state is SessionState.IDLE)

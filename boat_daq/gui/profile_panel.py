@@ -41,6 +41,7 @@ class ProfilePanel(QDialog):
         super().__init__(parent)
         self.model, self.services, self._ports, self._use = model, services, ports, use
         self._shown: object = None
+        self._filled = False  # hidden, it is shown as it was
         self.setWindowTitle("Describe a board")
         self.setModal(False)
         self.resize(style.FORM_WIDTH + style.PANE_WIDTH_WIDE, style.FORM_HEIGHT)
@@ -149,8 +150,9 @@ class ProfilePanel(QDialog):
 
     def refresh(self) -> None:
         """Show what has come, and the profile as it stands; called a few times a second."""
-        if not self.isVisible() and self._shown is not None:
+        if not self.isVisible() and self._filled:
             return
+        self._filled = True
         self.services.notices.attempt(self.model.follow)
         widgets.set_text(self.listen_button, "Stop" if self.model.listening else "Listen")
         widgets.set_text(self.raw, self.model.raw())

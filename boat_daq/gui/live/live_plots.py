@@ -34,7 +34,7 @@ from protocol.recording import DerivedChannel, ExtraChannel
 PREDICTED = "\u2504 predicted, band 95 %"
 PREDICTED_TIP = "The signals that pressure, shadow model and calibration predict, with their 95 % band"
 MOST_OF_A_NOTE = 28  # letters beside a marker; the whole of it on hover
-WHOLE_S = 0.1  # a change that no sample tells of, such as another calibration, is seen after so long
+WHOLE_S = 0.5  # a change that no sample tells of, such as another calibration, is seen after so long
 
 
 def value_text(quantity: str, values: Mapping[str, float], model: LiveModel) -> str:

@@ -26,6 +26,7 @@ from protocol.base.arrays import FloatArray
 ThemeColour = Callable[[Theme], str]
 L = TypeVar("L", bound="Layer")
 _EMPTY: FloatArray = np.zeros(0)
+FEW = 16  # points
 COSMETIC = 0.0  # a pen of this width is one pixel at any zoom and adds nothing to the bounds
 
 pg.setConfigOptions(antialias=False, useOpenGL=False, segmentedLineMode="off")
@@ -62,7 +63,10 @@ class PathItem(QGraphicsPathItem):
         if self._end is None:
             self._end = PathItem(self)
             self._end.setPen(self.pen())
-        self._end.draw_line(x, y, gaps=gaps)
+        if x.size <= FEW and np.isfinite(y).all():
+            self._end.setPath(_short_path(x.tolist(), y.tolist()))
+        else:
+            self._end.draw_line(x, y, gaps=gaps)
 
     def fill_between(self, x: FloatArray, low: FloatArray, high: FloatArray) -> None:
         """Fill between `low` and `high` over `x`, which never falls (same length, finite)."""
@@ -86,6 +90,14 @@ class PathItem(QGraphicsPathItem):
         bounds = QPainterPath()
         bounds.addRect(self.path().controlPointRect())
         return bounds
+
+
+def _short_path(x: list[float], y: list[float]) -> QPainterPath:
+    """Return the path through a few points: making arrays of them would take longer."""
+    path = QPainterPath()
+    for i, at in enumerate(zip(x, y, strict=True)):
+        (path.lineTo if i else path.moveTo)(*at)
+    return path
 
 
 class Layer:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 from boat_daq.viewmodels.common.preferences import Preferences
@@ -25,6 +25,7 @@ _KEY = "layouts"  # of the preferences: unit -> name -> layout; the one in use h
 Rows = tuple[tuple[str, ...], ...]
 
 
+@cache
 def is_signal(quantity: str) -> bool:
     """Return whether a quantity is the signal of a sensor."""
     return re.fullmatch(r"s\d_mv", quantity) is not None
@@ -35,6 +36,7 @@ def difference_of(signal: str) -> str:
     return signal.replace("_mv", "_difference_mv")
 
 
+@cache
 def is_difference(quantity: str) -> bool:
     """Return whether a quantity is the difference of a measured and a predicted signal."""
     return re.fullmatch(r"s\d_difference_mv", quantity) is not None
@@ -49,6 +51,7 @@ def title(quantity: str) -> str:
     return f"Sensor {quantity[1:-3]}" if is_signal(quantity) else quantity
 
 
+@cache
 def unit(quantity: str) -> str:
     """Return the unit of a quantity; that of an extra channel without a known one is its own."""
     tail = quantity.rpartition("_")[2]

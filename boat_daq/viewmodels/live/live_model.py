@@ -7,9 +7,9 @@ lost). Freezing stops the plots, never the recording. Elongation is shown only w
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -105,12 +105,14 @@ HEADINGS_SHORT = ("mean", "sd", "min", "max", "B \u2212 A", "slope/s", "SNR, dB"
 STATISTICS_HEADINGS = ("", "mean", "sd", "min", "max", "B \u2212 A", "slope per s", "SNR (mean / sd)")
 
 
-_SIGNAL = re.compile(r"s\d_mv")
-
-
-def sensor_names(columns: Iterable[str]) -> list[str]:
+def sensor_names(columns: Iterable[str]) -> tuple[str, ...]:
     """Return the names of the signal columns, in order of their sensor."""
-    return sorted(name for name in columns if _SIGNAL.fullmatch(name))
+    return _sensor_names(tuple(columns))
+
+
+@lru_cache(maxsize=64)
+def _sensor_names(columns: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(sorted(filter(is_signal, columns)))
 
 
 def signals(columns: Mapping[str, FloatArray | float]) -> FloatArray:
@@ -148,6 +150,7 @@ class LiveModel:
     _measured: set[str] = field(default_factory=set)  # extra channels that have had a value
     layout: Callable[[], Layout] = Layout
     _ranges: dict[str, SteadyRange] = field(default_factory=dict)
+    _plots: tuple[Layout, list[str], tuple[Axes, ...]] | None = None
 
     @property
     def following(self) -> bool:
@@ -202,8 +205,11 @@ class LiveModel:
         return in_units(self.units, self.unit(quantity), value, CHANNEL_DECIMALS if quantity in self.channels() else 1)
 
     def plots(self) -> tuple[Axes, ...]:
-        """Return what each plot shows, from the top."""
-        return self.layout().plots(self.quantities())
+        """Return what each plot shows, from the top; kept, because each frame asks several times."""
+        layout, quantities = self.layout(), self.quantities()
+        if self._plots is None or self._plots[0] is not layout or self._plots[1] != quantities:
+            self._plots = layout, quantities, layout.plots(quantities)
+        return self._plots[2]
 
     def signal_plots(self) -> tuple[Axes, ...]:
         """Return the signals that share a plot, for the plots of their curves: all where no plot shows one."""

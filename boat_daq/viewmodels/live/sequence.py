@@ -67,7 +67,7 @@ STATE_TEXTS = {  # shape, text, buttons
 }
 AT_REST = (S.IDLE, S.ABORTED)
 UNKNOWN = {LinkState.LOST: "Link lost, pressure unknown", LinkState.SILENT: "No data, pressure unknown"}
-SETTLED_MM = 0.01  # of the shaped setpoint from the target
+REACHED_MM = 0.01  # of the shaped setpoint from the target
 HELD = (S.ARMED, S.RUNNING, S.PAUSED, S.FINISHING)  # the session has a plan
 PHASE_WORDS = {
     Phase.RAMPING: "ramping", Phase.SETTLING: "settling", Phase.DWELLING: "holding", Phase.VENTING: "venting",
@@ -365,7 +365,7 @@ def holding_text(snapshot: SessionSnapshot, units: ShownUnits = STORED_UNITS) ->
     if snapshot.state not in AT_REST or snapshot.link is not LinkState.UP or last is None:
         return ""
     if loop is not None:
-        there = abs(loop.setpoint_mm - loop.target_mm) < SETTLED_MM
+        there = abs(loop.setpoint_mm - loop.target_mm) < REACHED_MM
         goal = f"{in_units(units, 'mm', loop.target_mm, 2)} at {target(last.pressure_kpa, units)}"
     elif math.isfinite(last.target_kpa):
         there = abs(last.pressure_kpa - last.target_kpa) < VENTED_KPA

@@ -216,6 +216,8 @@ class RingBuffer:
     Attributes
     ----------
     target_kpa : the present target pressure, NaN for none; stored with the samples that are appended.
+    newest_s : time of the newest sample; NaN without one.
+    step_s : mean interval of the samples of a block; infinite before there was one of several.
     """
 
     def __init__(
@@ -228,6 +230,7 @@ class RingBuffer:
     ) -> None:
         self.others = others or OtherChannels()
         self.target_kpa = math.nan
+        self.newest_s, self.step_s = math.nan, math.inf
         self._signals = slice(3, 3 + n_sensors)
         sensors = (f"s{n}_mv" for n in range(1, n_sensors + 1))
         self.names = (
@@ -250,13 +253,6 @@ class RingBuffer:
         """Return how many samples are kept one by one."""
         return self._pyramid.base.end - self._pyramid.base.oldest
 
-    @property
-    def newest_s(self) -> float:
-        """Time of the newest sample; NaN without one."""
-        base = self._pyramid.base
-        newest = base.copy(base.end - 1, base.end)[0]
-        return float(newest[0]) if newest.size else math.nan
-
     def __call__(self, block: Block) -> None:
         """Take the samples of a block."""
         for event in block.events:
@@ -278,6 +274,9 @@ class RingBuffer:
             entries[1, (flags & _NOT_SHOWN) != 0] = np.nan
             entries[self._signals, (flags & _IMPLAUSIBLE) != 0] = np.nan
         self._pyramid.append(entries)
+        if len(samples) > 1:
+            self.step_s = float(entries[0, -1] - entries[0, 0]) / (len(samples) - 1)
+        self.newest_s = float(entries[0, -1])
 
     @property
     def channels(self) -> tuple[ExtraChannel | DerivedChannel, ...]:

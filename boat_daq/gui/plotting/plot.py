@@ -26,7 +26,7 @@ from protocol.base.arrays import FloatArray
 ThemeColour = Callable[[Theme], str]
 L = TypeVar("L", bound="Layer")
 _EMPTY: FloatArray = np.zeros(0)
-FEW = 16  # points
+FEW = 64  # points
 COSMETIC = 0.0  # a pen of this width is one pixel at any zoom and adds nothing to the bounds
 
 pg.setConfigOptions(antialias=False, useOpenGL=False, segmentedLineMode="off")

@@ -43,9 +43,12 @@ PLACES: tuple[Place, ...] = tuple(place for page in Page for place in TABS.get(p
 """Every tab, and the pages without tabs."""
 
 
+_PAGES = {place: page for page in Page for place in (page, *TABS.get(page, ()))}
+
+
 def page_of(place: Place) -> Page:
     """Return the page that a tab is of; a page is its own."""
-    return next(page for page in Page if place == page or place in TABS.get(page, ()))
+    return _PAGES[place]
 
 
 class Panel(StrEnum):

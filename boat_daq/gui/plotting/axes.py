@@ -246,6 +246,10 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
                 inside = around.top() <= y + margin and y + height - margin <= around.bottom()
             else:
                 x, y = area.left() + place - width / 2, area.top() + along
+                if place < 0.5 and (not self.time or self.range[0] == 0.0):  # the begin, where nothing scrolls
+                    x = max(x, around.left())
+                elif place > area.width() - 0.5 and not self.time:
+                    x = min(x, around.right() - width)
                 inside = max(around.left(), written) <= x and x + width <= around.right()
                 written = x + width if inside else written
             if inside:

@@ -161,7 +161,8 @@ class RepeatPage(QWidget):
         super().__init__()
         self.model, self.services = model, services
         self._revision = -1
-        self.headline = widgets.label("", "subtitle", elide=True)
+        self.verdict = widgets.label("", "title", wrap=True, name="Verdict")
+        self.headline = widgets.label("", "muted", elide=True)
         self.warm_up = widgets.label("", "muted")
         self.known = widgets.label("", "muted", name="Uncertainty of drift and repeatability", wrap=True)
         self.loops, self.card = LoopsByCycle(), CycleFigureCard()
@@ -180,12 +181,22 @@ class RepeatPage(QWidget):
 
     def _filled(self) -> QWidget:
         report = widgets.button("Report \u2026", partial(self.services.show, Panel.REPORT))
-        parts = self.headline, self.warm_up, None, widgets.label("Figure", "muted"), self.figure, report
-        head, _ = widgets.card(widgets.row(*parts), self.known)
+        run = widgets.row(self.headline, self.warm_up, None)
+        texts = widgets.column(self.verdict, run, spacing=0)
+        line = widgets.row((texts, 1), widgets.label("Figure", "muted"), self.figure, report)
+        head, _ = widgets.card(line, self.known)
         self.tabs = widgets.tabs("Figures, and the interruptions of the run", (self.figures, "Figures"))
         self.tabs.setTabBarAutoHide(True)
         side, _ = widgets.card((self.tabs, 1))
-        sides = Divided("repeat", self.services.preferences, self.drawn, side, SIDE, stacks=True)
+        sides = Divided(
+            "repeat",
+            self.services.preferences,
+            self.drawn,
+            side,
+            SIDE,
+            stacks=True,
+            stacked_height=style.STACKED_HEIGHT,
+        )
         return widgets.holder(widgets.column(head, (sides, 1), spacing=style.GAP))
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
@@ -199,6 +210,10 @@ class RepeatPage(QWidget):
         self.stack.setCurrentIndex(0 if title else 1)
         if title:
             self.missing.say(title, text, self.missing.button.text())
+        state, verdict = model.verdict()
+        self.verdict.setText(verdict)
+        self.verdict.setVisible(bool(verdict))
+        widgets.set_state(self.verdict, state)
         self.headline.setText(model.headline)
         self.warm_up.setText(model.warm_up())
         self.known.setText(model.known())

@@ -152,7 +152,7 @@ class Divided(QSplitter):
     name : key of the stored size of the side part.
     size : width or height of the side part until the operator moves the border.
     below : whether the side part is below the main one.
-    stacks : whether the parts are stacked on a narrow page, which then scrolls.
+    stacks : whether the parts are stacked on a narrow page, which then scrolls; the main one is so high then.
     """
 
     def __init__(
@@ -165,10 +165,11 @@ class Divided(QSplitter):
         *,
         below: bool = False,
         stacks: bool = False,
+        stacked_height: int = 2 * style.STACKED_HEIGHT,
     ) -> None:
         super().__init__(Qt.Orientation.Vertical if below else Qt.Orientation.Horizontal)
         self._key, self._preferences, self._size = f"side {name}", preferences, size
-        self._stacks, self.stacked = stacks, False
+        self._stacks, self.stacked, self._stacked_height = stacks, False, stacked_height
         self._main, self._side = main, side
         self.setHandleWidth(style.GAP)
         self.setChildrenCollapsible(False)
@@ -191,7 +192,7 @@ class Divided(QSplitter):
         if narrow != self.stacked:
             self.stacked = narrow
             self.setOrientation(Qt.Orientation.Vertical if narrow else Qt.Orientation.Horizontal)
-            self._main.setMinimumHeight(2 * style.STACKED_HEIGHT if narrow else 0)
+            self._main.setMinimumHeight(self._stacked_height if narrow else 0)
             self._side.setMinimumHeight(style.STACKED_TABLE if narrow else 0)
         self._share()
 

@@ -6,7 +6,6 @@ the curve.
 
 from __future__ import annotations
 
-import re
 import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -26,7 +25,15 @@ from boat_daq.formatting import count, duration, number
 from boat_daq.viewmodels.common.notices import Severity, sentence
 from boat_daq.viewmodels.common.services import Change, Services
 from boat_daq.viewmodels.common.tolerance import TypedTolerance, tolerance_choice
-from boat_daq.viewmodels.results.calibration_texts import Cells, coefficient_row, curve_row, missing, readings_text
+from boat_daq.viewmodels.results.calibration_texts import (
+    Cells,
+    coefficient_row,
+    curve_row,
+    missing,
+    readings_text,
+    shown_text,
+    verdict_text,
+)
 from boat_daq.viewmodels.results.certificates import CertificateModel
 from boat_daq.viewmodels.results.contributions import ContributionsModel, traceability_text
 from boat_daq.viewmodels.results.metadata import MetadataModel
@@ -48,12 +55,9 @@ from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from boat_daq.workflows.run_files import export_calibration
 from boat_daq.workflows.unit_control import prepare_control
 from protocol.base.errors import BoatDaqError, RequestError
-from protocol.base.units import MINUS, NOTHING
+from protocol.base.units import NOTHING
 from protocol.recording.elongation_file import read_elongation_rows
 
-VERDICT_LOOKS = {  # state of a verdict -> state and mark of its text
-    "ok": ("ok", "\u25cf"), "check": ("warning", "\u25b2"), "fail": ("fault", "\u25a0"), "none": ("", "\u25cb"),
-}  # fmt: skip
 ACCEPT, ANYWAY = "Accept", "Accept anyway"
 Action = Callable[[], None]
 EXPORTED_TABLE_ERRORS = tuple(TypedTolerance(mm, "mm") for mm in (0.01, 0.001, 0.0001))
@@ -345,7 +349,7 @@ class CalibrationModel:
 
     def check_lines(self) -> tuple[str, ...]:
         """Return the readings to be checked, a sentence each."""
-        return tuple(f"Check {_shown(one.text)}." for one in self.to_check())
+        return tuple(f"Check {shown_text(one.text)}." for one in self.to_check())
 
     def leave_out_readings(self) -> None:
         """Withdraw the readings to be checked, undoably, and analyse the run again."""
@@ -374,21 +378,18 @@ class CalibrationModel:
         if self.result is None:
             return "", "Analysing \u2026" if self.working else ""
         found = self.result.verdict or RunVerdict()
-        headline = _shown(found.headline)
+        headline = shown_text(found.headline)
         if self.working:
             return "", f"\u25cb {headline}"
-        if self.accepted is not None:
-            state, _ = VERDICT_LOOKS[found.state]
-            return state, f"\u2713 Accepted: {_shown(found.headline)}"
-        state, mark = VERDICT_LOOKS[found.state]
-        return state, f"{mark} {headline}"
+        state, text = verdict_text(found, found.headline)
+        return state, f"\u2713 Accepted: {headline}" if self.accepted is not None else text
 
     def detail(self) -> str:
         """Return the line under the verdict: what is still computed, where it is used, or the limits."""
         if self.result is None:
             return ""
         found = self.result.verdict or RunVerdict()
-        limits = sentence(_shown(found.limits_text)) if found.limits_text != found.headline else ""
+        limits = sentence(shown_text(found.limits_text)) if found.limits_text != found.headline else ""
         if self.working:
             return "Intervals follow \u2026" if self.result.preliminary else "Analysing again \u2026"
         if self.accepted is not None:
@@ -489,11 +490,6 @@ class CalibrationModel:
             self.accepted = accepted
         self.units_revision += 1
         self.revision += 1
-
-
-def _shown(text: str) -> str:
-    """Return a text of the analysis with a capital and the window's minus."""
-    return re.sub(r"(?<![\w.])-(?=\d)", MINUS, text[:1].upper() + text[1:])
 
 
 def _agreement(sensor: SensorResult, before: SensorRecord) -> Agreement | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from enum import Enum
 from typing import NamedTuple
 
@@ -13,7 +14,8 @@ from analysis.numbers import decimals_for
 from analysis.warning import WarningCode
 from boat_daq.formatting import SUBSCRIPT, SUPERSCRIPT, count, number, sensor_words
 from boat_daq.viewmodels.results.run_result import RunResult
-from boat_daq.workflows.acceptance import Lack, lack_text, lacking
+from boat_daq.workflows.acceptance import Lack, RunVerdict, lack_text, lacking
+from protocol.base.units import MINUS
 
 Cells = tuple[str, ...]
 LEAST_ELONGATIONS = 4  # of a cubic
@@ -36,6 +38,22 @@ class NoCurve(NamedTuple):
     title: str
     text: str
     step: NextStep = NextStep.NONE
+
+
+VERDICT_LOOKS = {  # state of a verdict -> state and mark of its text
+    "ok": ("ok", "\u25cf"), "check": ("warning", "\u25b2"), "fail": ("fault", "\u25a0"), "none": ("", "\u25cb"),
+}  # fmt: skip
+
+
+def shown_text(text: str) -> str:
+    """Return a text of the analysis with a capital and the window's minus."""
+    return re.sub(r"(?<![\w.])-(?=\d)", MINUS, text[:1].upper() + text[1:])
+
+
+def verdict_text(found: RunVerdict, text: str) -> tuple[str, str]:
+    """Return state and marked text of a verdict, or of a part of it."""
+    state, mark = VERDICT_LOOKS[found.state]
+    return state, f"{mark} {shown_text(text)}"
 
 
 def readings_text(result: RunResult) -> str:

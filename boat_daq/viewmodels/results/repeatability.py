@@ -17,6 +17,7 @@ import numpy as np
 from analysis.fidelity import Fidelity, fidelity
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
 from boat_daq.formatting import count, duration, quantity
+from boat_daq.viewmodels.results.calibration_texts import verdict_text
 from boat_daq.viewmodels.results.figure_tables import DRIFT_KEY, HYSTERESIS_KEY, SENSITIVITY_KEY, SNR_KEY
 from boat_daq.viewmodels.results.run_result import RunResult, analyse_run
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
@@ -129,6 +130,11 @@ class RepeatabilityModel:
             + ([f"{result.partial} partial, left out"] if result.partial else [])
         )
         self.revision += 1
+
+    def verdict(self) -> tuple[str, str]:
+        """Return state and text of the verdict on the limits."""
+        found = self.result.verdict if self.result is not None else None
+        return ("", "") if found is None else verdict_text(found, found.limits_text)
 
     def follow_rename(self, old: Path, new: Path) -> None:
         """Keep the run that is shown under its new name."""

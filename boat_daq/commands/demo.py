@@ -7,7 +7,7 @@ import math
 import os
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
@@ -35,6 +35,18 @@ def gui(
 
     Example: boat-daq gui --board
     """
+    _open_window(port, board=board, profile=profile, file=file)
+
+
+def _open_window(
+    port: str | None = None,
+    *,
+    board: bool = False,
+    profile: Path | None = None,
+    file: Path | None = None,
+    first_steps: bool = False,
+) -> NoReturn:
+    """Open the window, and end with its exit code."""
     if port is not None and board:
         raise typer.BadParameter("use either --port or --board")
     if profile is not None and port is None:
@@ -51,7 +63,7 @@ def gui(
     except ImportError as error:  # a library of the system
         remedy = "Install boat-daq again in a new environment."
         raise (missing_library(error) or RequestError(f"Qt cannot be loaded: {error}", remedy)) from error
-    raise typer.Exit(run(port, board=board, profile=str(profile or ""), file=file))
+    raise typer.Exit(run(port, board=board, profile=str(profile or ""), file=file, first_steps=first_steps))
 
 
 def demo(
@@ -69,8 +81,8 @@ def demo(
 ) -> None:
     """Run a calibration session on the virtual board: connect, cycles, readings, calibration, bands, shadow, report.
 
-    With a screen it opens the window on the board; without, it prints the figures and their true values. All data are
-    marked SIMULATED.
+    With a screen it opens the window at its first steps; without, it prints the figures and their true values. All
+    data are marked SIMULATED.
 
     Example: boat-daq demo --headless --out out/demo
     """
@@ -82,8 +94,7 @@ def demo(
         from boat_daq.engine.screen import screen_error
 
         if (refused := screen_error()) is None:
-            gui(port=None, board=True)
-            return
+            _open_window(first_steps=True)
         notify(f"note: {refused.cause}; the session runs without a window")
     import dataclasses
 

@@ -132,12 +132,14 @@ def run(
     board: bool = False,
     profile: str = "",
     file: Path | None = None,
+    first_steps: bool = False,
 ) -> int:
     """Open the window, connected to `port` or to a virtual board where asked; returns the exit code.
 
     Parameters
     ----------
     profile : path of the text profile of the firmware on `port`.
+    first_steps : whether to show them, whatever page was left.
     """
     raise_priority()  # Python's lock, which the reading thread waits for, is mostly held by this one
     app = make_application()
@@ -148,6 +150,8 @@ def run(
     model.notices.attempt(model.windows.join)
     window.fit_screen()
     window.show()
+    if first_steps:
+        window.live.show_first_steps()
     if board:
         model.notices.attempt(lambda: model.connection.start_virtual_board(speed=1.0))
     elif port:

@@ -31,6 +31,7 @@ from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.common.tolerance import TypedText
 from boat_daq.viewmodels.live import axis
 from boat_daq.viewmodels.live.run_model import UNDER_WAY
+from boat_daq.viewmodels.live.sequence import holding_text
 from boat_daq.viewmodels.models.optics import (
     CAVITIES,
     CURVE_NAMES,
@@ -58,7 +59,6 @@ RACE_TIP = (
     "more rays for those that may be the best, up to five minutes more"
 )
 SWEEP_FIRST = "Press \u201cSweep all designs\u201d to "
-TRACE_FIRST = "The design is being traced; "
 
 SCENE = (
     "Light from the emitter at the left, in the plane of the light guide. Rays that strike a wall continue as "
@@ -86,7 +86,7 @@ STRIP = (
 )
 FROM_FILE = "file"
 WHAT_COMES = "Press \u201cSweep all designs\u201d to find which of 648 designs is best, and how sure that is."
-RUNNING = "A run is in progress: no rays are traced by themselves until it ends."
+RUNNING = "Under pressure: no rays are traced by themselves until the run has ended and the unit is vented."
 
 
 def designs(sweep: SweepSummary) -> dict[str, Any]:
@@ -120,7 +120,7 @@ class SceneCard(PlotCard):
     def show_state(self, model: OpticsModel) -> None:
         """Draw the state that the slider selects."""
         scene = model.scene()
-        waits = model.problem or f"{TRACE_FIRST}its light guide and rays are drawn next."
+        waits = model.waiting_text("the light guide and its rays")
         self.show_empty("" if scene is not None else waits)
         self.show_stale(stale=model.outdated)
         self.drawn.set(model.drawn_text())
@@ -143,7 +143,7 @@ class ResponseCard(PlotCard):
     def show_result(self, model: OpticsModel) -> None:
         """Draw a design's response."""
         r = model.result
-        waits = model.problem or f"{TRACE_FIRST}its detected rays in each state are drawn next."
+        waits = model.waiting_text("the detected rays in each state")
         self.show_empty("" if r is not None else waits)
         self.show_stale(stale=model.outdated)
         self.readout.setText(model.design_text())
@@ -497,12 +497,15 @@ class OpticsPage(ReflowingPage):
         self.rays.follow()
         self.confidence.follow()
         model = self.model
-        running = snapshot is not None and snapshot.state in UNDER_WAY
+        running = snapshot is not None and (snapshot.state in UNDER_WAY or bool(holding_text(snapshot)))
         if model.result is None and not running and not model.running("optics") and not model.problem:
             model.choose(model.values)
         self._show_buttons()
         if model.running("optics"):
             widgets.set_text(self.response.readout, model.design_text())  # how much is done
+            if model.result is None:
+                self.scene.show_state(model)
+                self.response.show_result(model)
         if model.revision == self._revision:
             return
         self._revision = model.revision

@@ -139,6 +139,9 @@ class SweepSummary:
         return out
 
 
+COMPILING = "compiling the tracer for this computer, once, about a minute"
+
+
 def rays_text(rays: int | Within) -> str:
     """Return a number of rays, or their error, as it is shown."""
     if isinstance(rays, Within):
@@ -506,8 +509,17 @@ class OpticsModel:
     def _progress_text(self) -> str:
         """Return how much of the running trace is done."""
         job = self.jobs.get("optics")
+        if job is not None and job.fraction is None and self.jobs.get("compiled code") is not None:
+            return COMPILING
         done = "" if job is None or job.fraction is None else f" {number(100 * job.fraction, 0)} %"
         return "" if job is None else f"tracing \u2026{done}"
+
+    def waiting_text(self, drawn: str) -> str:
+        """Return what is being done before a plot has anything to show, and what it will draw."""
+        if self.problem:
+            return self.problem
+        doing = self._progress_text()
+        return f"{doing[:1].upper()}{doing[1:] or 'Not traced yet'}. Drawn next: {drawn}."
 
     # ---- the sweep and the search --------------------------------------------------------------------------------
 

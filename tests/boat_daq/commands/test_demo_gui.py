@@ -41,3 +41,16 @@ def test_a_file_named_on_the_command_line_is_handed_to_the_window(monkeypatch, t
     monkeypatch.setitem(sys.modules, "boat_daq.gui.app", window)
     assert CliRunner().invoke(app, ["gui", str(tmp_path / "run.boat")]).exit_code == 0
     assert given["file"] == tmp_path / "run.boat"
+
+
+def test_demo_opens_the_window_at_its_first_steps(monkeypatch):
+    """It landed on a bare Arm, past the page that tells a new user what to do."""
+    given = {}
+    monkeypatch.setattr("boat_daq.engine.log.start_log", lambda _: None)
+    monkeypatch.setattr("boat_daq.engine.screen.screen_error", lambda: None)
+    monkeypatch.setattr("boat_daq.engine.screen.require_screen", lambda: None)
+    window = types.ModuleType("app")
+    window.run = lambda *_, **options: given.update(options) or 0
+    monkeypatch.setitem(sys.modules, "boat_daq.gui.app", window)
+    assert CliRunner().invoke(app, ["demo"]).exit_code == 0
+    assert (given["first_steps"], given["board"]) == (True, False)

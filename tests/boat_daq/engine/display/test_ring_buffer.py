@@ -239,7 +239,7 @@ def test_extra_channels_are_columns_of_their_own():
     assert list(view)[5:] == ["temperature_degc", "supply_mv"]
     assert view["temperature_degc"].tolist() == [21.5, 22.5]
     assert np.array_equal(view["supply_mv"], [4999.0, np.nan], equal_nan=True)
-    assert sensor_names(view) == ["s1_mv", "s2_mv"]
+    assert sensor_names(view) == ("s1_mv", "s2_mv")
 
 
 def test_an_empty_ring_is_drawn_empty():

@@ -30,6 +30,7 @@ from boat_daq.viewmodels.models.optics import (
 )
 from boat_daq.workflows.jobs import JobFailure, JobState
 from tests.boat_daq.gui.models.test_tradeoff_page import app_model  # noqa: F401 - a fixture
+from tests.boat_daq.gui.recorded_session import connected
 
 NORMAL = fidelity("normal")
 LINE = np.array([[0.0, 0.0], [75.0, 1.0]])
@@ -204,9 +205,31 @@ def test_nothing_is_traced_by_itself_during_a_run(qtbot, app_model, monkeypatch)
     qtbot.addWidget(shown)
     shown.refresh(SessionSnapshot(SessionState.RUNNING, LinkState.UP))
     assert FakeJob.made == []
-    assert "A run is in progress" in shown.scene.empty_text.text()
+    assert "until the run has ended" in shown.scene.empty_text.text()
+    shown.refresh(connected())  # +30 kPa by hand
+    assert FakeJob.made == []
     shown.refresh(SessionSnapshot(SessionState.IDLE, LinkState.UP))
     assert len(FakeJob.made) == 1
+
+
+def test_first_opening_shows_the_shipped_sweep_and_what_is_being_done(qtbot, app_model, monkeypatch):  # noqa: F811
+    """It was empty for 40 s while the tracer was compiled."""
+    from boat_daq.gui.models.optics_page import OpticsPage
+
+    monkeypatch.setattr(optics, "Job", FakeJob)
+    shown = OpticsPage(app_model.optics, app_model.rays, app_model.confidence, app_model.services)
+    qtbot.addWidget(shown)
+    shown.refresh()
+    assert shown.best.text().startswith("Best:")
+    assert shown.strip.others.x.size + shown.strip.tied.x.size == 648
+    job, names = FakeJob.made[-1], {"optics": FakeJob.made[-1], "compiled code": object()}
+    monkeypatch.setattr(app_model.optics.jobs, "get", names.get)
+    job.fraction = None
+    shown.refresh()
+    assert shown.scene.empty_text.text().startswith("Compiling the tracer for this computer, once")
+    job.fraction = 0.4
+    shown.refresh()
+    assert shown.scene.empty_text.text() == "Tracing \u2026 40 %. Drawn next: the light guide and its rays."
 
 
 def test_value_not_offered_is_listed_last_while_selected(page):

@@ -78,7 +78,7 @@ class AppModel:
             session, self.undo, self.preferences, lambda: self.unit.regulator(self.snapshot, session.mv_per_count)
         )  # fmt: skip
         self.readings = ReadingsModel(session, self.undo, self.shadow.nominal_at)
-        self.camera = CameraModel(session, self.preferences)
+        self.camera = CameraModel(session, self.preferences, lambda: self.connection.virtual_camera)
         self.unit = UnitInUse(self.units, self.connection, self.live)
         self.outlets = OutletsModel(session, self.preferences, self.unit, lambda: self.sequence.plans, recordings)
         self.runs = RunsModel(recordings, self.units, self.jobs, self.notices, self.undo, self._renamed)

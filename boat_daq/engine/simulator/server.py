@@ -423,6 +423,7 @@ class ServedBoard(AbstractContextManager["ServedBoard"]):
 
     url: str
     close: Callable[[], None]  # may be called twice
+    camera_url: str = ""  # of its virtual camera, where it has one
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -435,7 +436,7 @@ def serve(settings: BoardSettings) -> ServedBoard:
     process = start_module("boat_daq.engine.simulator.server", text, stdin=pipe, stdout=pipe, text=True)
     assert process.stdin is not None
     assert process.stdout is not None
-    url = process.stdout.readline().strip()
+    url, _, camera_url = process.stdout.readline().strip().partition(" ")
     if not url:
         process.communicate()
         BoardServer(settings).close()  # raises what the process ran into
@@ -444,7 +445,7 @@ def serve(settings: BoardSettings) -> ServedBoard:
     def close() -> None:
         process.communicate()  # the end of its input is its end
 
-    return ServedBoard(url, close)
+    return ServedBoard(url, close, camera_url)
 
 
 def _serve_for_parent(text: str) -> None:
@@ -465,7 +466,7 @@ def _serve_for_parent(text: str) -> None:
         stop.set()
 
     threading.Thread(target=wait_for_parent, daemon=True).start()
-    sys.stdout.write(server.url + "\n")
+    sys.stdout.write(f"{server.url} {server.camera_url}\n")
     sys.stdout.flush()
     with contextlib.closing(server):
         server.run(stop.is_set)

@@ -15,6 +15,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -93,7 +94,11 @@ def scene_of(values: Mapping[str, str]) -> CameraScene:
 
 
 class Sink(Protocol):
-    """Where the frames go."""
+    """Where the frames go; where none is `wanted`, none is drawn."""
+
+    @property
+    def wanted(self) -> bool:
+        """Whether anybody takes a frame now."""
 
     def frame(self, picture: Picture | None, time_s: float) -> None:
         """Take a frame; None where it is missing."""
@@ -104,6 +109,8 @@ class Sink(Protocol):
 
 class VideoFile:
     """Writes the frames to a file."""
+
+    wanted = True
 
     def __init__(self, path: Path) -> None:
         self._store = VideoStore(path, FRAMES_PER_S)
@@ -127,6 +134,9 @@ class MjpegStream:
         self._changed = threading.Condition()
         self._newest: tuple[int, float, bytes] = (0, 0.0, b"")
         self._closed = False
+        self._viewers = 0
+        if find_spec("cv2") is None:
+            optional("cv2")  # raises what to install, before anything is served
         try:
             self._server = ThreadingHTTPServer(("127.0.0.1", port), self._handler())
         except (OSError, OverflowError) as error:
@@ -135,6 +145,11 @@ class MjpegStream:
         self._server.daemon_threads = True
         self.url = f"http://127.0.0.1:{self._server.server_address[1]}/"
         threading.Thread(target=self._server.serve_forever, name="mjpeg", daemon=True).start()
+
+    @property
+    def wanted(self) -> bool:
+        """Whether anybody looks."""
+        return self._viewers > 0
 
     def frame(self, picture: Picture | None, time_s: float) -> None:
         """Give a frame to the viewers."""
@@ -160,6 +175,17 @@ class MjpegStream:
             self._changed.wait_for(lambda: self._closed or self._newest[0] > number)
             return None if self._closed else self._newest
 
+    def begin(self) -> int:
+        """Count a viewer; return the number of the newest frame, which may be old."""
+        with self._changed:
+            self._viewers += 1
+            return self._newest[0]
+
+    def end(self) -> None:
+        """Count a viewer no longer."""
+        with self._changed:
+            self._viewers -= 1
+
     def _handler(self) -> type[BaseHTTPRequestHandler]:
         stream = self
 
@@ -168,7 +194,13 @@ class MjpegStream:
                 self.send_response(200)
                 self.send_header("Content-Type", f"multipart/x-mixed-replace; boundary={BOUNDARY}")
                 self.end_headers()
-                number = 0
+                number = stream.begin()
+                try:
+                    self._send(number)
+                finally:
+                    stream.end()
+
+            def _send(self, number: int) -> None:
                 while (newest := stream.next_after(number)) is not None:
                     number, time_s, jpeg = newest
                     head = f"--{BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n"
@@ -190,7 +222,8 @@ class VirtualCamera:
     """
 
     def __init__(self, scene: CameraScene, sink: Sink, faults: Sequence[CameraFault], *, newest_only: bool) -> None:
-        self._renderer, self._sink, self._faults = Renderer(scene), sink, tuple(faults)
+        self._scene, self._sink, self._faults = scene, sink, tuple(faults)
+        self._renderer = Renderer(scene) if sink.wanted else None  # else with the first viewer: it takes OpenCV
         self._exposure_s, self._newest_only = scene.exposure_s, newest_only
         self._number = 0
         self._last: Picture | None = None
@@ -227,7 +260,7 @@ class VirtualCamera:
             end_s = (self._first + self._ticks.size - 1) * TICK_S
             while (due := self._number / FRAMES_PER_S) + self._exposure_s / 2 <= end_s:
                 late = self._newest_only and end_s - due > 2.0 / FRAMES_PER_S
-                if not late:
+                if self._sink.wanted and not late:
                     self._sink.frame(self._picture(self._number, due), time.monotonic())
                 self._number += 1
             spent = max(0, int((self._number - 2) / FRAMES_PER_S / TICK_S) - self._first - 2)
@@ -242,6 +275,7 @@ class VirtualCamera:
             exposed = np.linspace(-0.5, 0.5, 5) * self._exposure_s + time_s
             ticks = (self._first + np.arange(self._ticks.size)) * TICK_S
             elongation = np.interp(exposed, ticks, self._ticks)
+            self._renderer = self._renderer or Renderer(self._scene)
             self._last = self._renderer.frame(number, elongation, time_s, _together(active, time_s))
         return self._last
 

@@ -109,6 +109,8 @@ class CameraPanel(QWidget):
         self.mark.setToolTip(MARK_TIP)
         self.button = widgets.button("Open", self.toggle, "primary", name="Open or close the camera")
         self.picture = MarkedPicture()
+        tip = "Films the simulated unit, for practice; its readings are simulated, too"
+        self.virtual = widgets.button("Open the virtual camera", self._open_virtual, tip=tip)
         self.print = widgets.button("Save the marks …", self._save_marks, tip="The two marks as a PDF to print")
         self.value = widgets.label("", "title", name="Elongation by the camera")
         self.u = widgets.label("", "muted")
@@ -129,7 +131,7 @@ class CameraPanel(QWidget):
             values.setAlignment(text, Qt.AlignmentFlag.AlignVCenter)
         self.values = widgets.inside(values)  # as high with a warning as without: the picture does not move
         self.values.setFixedHeight(WARNING_LINES * QFontMetrics(style.small_font()).lineSpacing())
-        parts = (asked, marks, self.help, self.print, self.values, self.line, (self.picture, 100))
+        parts = (asked, marks, self.virtual, self.help, self.print, self.values, self.line, (self.picture, 100))
         self.setLayout(widgets.column(*parts, None, spacing=style.GAP, margins=(0, 0, 0, 0)))
         self._show(model.view())
 
@@ -139,6 +141,10 @@ class CameraPanel(QWidget):
             self.model.close()
         else:
             self.notices.attempt(lambda: self.model.open(self.source.text(), self.mark.text()))
+        self._show(self.model.view())
+
+    def _open_virtual(self) -> None:
+        self.notices.attempt(self.model.open_virtual)
         self._show(self.model.view())
 
     def _save_marks(self) -> None:
@@ -161,6 +167,7 @@ class CameraPanel(QWidget):
             control.setReadOnly(is_open)
         self.help.setVisible(not is_open)
         self.print.setVisible(not is_open)
+        self.virtual.setVisible(not is_open and bool(self.model.virtual()))
         for shown in (self.picture, self.values, self.line):
             shown.setVisible(is_open)
         widgets.set_text(self.value, f"{view.elongation} mm")

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from boat_daq.engine.camera.capture import CameraState
 from boat_daq.engine.session.camera_channel import FAULT_TEXTS, CameraChannel
 from boat_daq.engine.session.session import Session
+from boat_daq.engine.simulator.picture import CameraScene
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.formatting import count, number, plain_number
 from boat_daq.viewmodels.common.preferences import Preferences
@@ -31,10 +33,15 @@ class CameraView:
 
 
 class CameraModel:
-    """The camera beside the session."""
+    """The camera beside the session.
 
-    def __init__(self, session: Session, preferences: Preferences) -> None:
-        self._session, self._preferences = session, preferences
+    Parameters
+    ----------
+    virtual : returns where the camera of the virtual board is; empty without one.
+    """
+
+    def __init__(self, session: Session, preferences: Preferences, virtual: Callable[[], str] = lambda: "") -> None:
+        self._session, self._preferences, self.virtual = session, preferences, virtual
         self.channel: CameraChannel | None = None
 
     @property
@@ -64,6 +71,12 @@ class CameraModel:
         self.channel = open_channel(self._session, choice)
         self._preferences.set(_SOURCE, source.strip())
         self._preferences.set(MARK, mark.strip())
+
+    def open_virtual(self) -> None:
+        """Open the camera of the virtual board; the camera used last is kept for the next time."""
+        self.close()
+        unit = self._session.snapshot().unit
+        self.channel = open_channel(self._session, CameraChoice(self.virtual(), CameraScene().mark_mm, unit=unit))
 
     def save_marks(self, path: Path, mark: str) -> None:
         """Write the sheet of marks to print."""

@@ -14,6 +14,7 @@ import os
 import re
 import threading
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -156,7 +157,10 @@ class VirtualBoardProcess:
         self._folder = TemporaryDirectory(prefix="boat-daq-")
         self._truth = Path(self._folder.name) / "truth.csv"
         port = "pty" if os.name == "posix" else "127.0.0.1:0"
-        self._settings = BoardSettings(port=port, speed=speed, unit=unit, seed=seed, truth=str(self._truth))
+        camera = 0 if find_spec("cv2") is not None else None
+        self._settings = BoardSettings(
+            port=port, speed=speed, unit=unit, seed=seed, truth=str(self._truth), mjpeg=camera
+        )
         self._served: ServedBoard | None = None
         self.unit = unit
         self.error: Exception | None = None
@@ -173,6 +177,11 @@ class VirtualBoardProcess:
     def url(self) -> str:
         """Return the port of the board; empty while it starts."""
         return self._served.url if self._served is not None else ""
+
+    @property
+    def camera_url(self) -> str:
+        """Where its virtual camera is; empty while it starts."""
+        return self._served.camera_url if self._served is not None else ""
 
     def grid_mm(self, division_mm: float = 0.5) -> float | None:
         """Return the elongation on the simulated grid now, to the nearest division; None if it is unknown."""
@@ -273,6 +282,11 @@ class ConnectionModel:
         self._end_board()
         self.board = VirtualBoardProcess(unit, speed, seed)
         self.starting = True
+
+    @property
+    def virtual_camera(self) -> str:
+        """Return where the camera of this window's virtual board is; empty without one."""
+        return self.board.camera_url if self.board is not None and not self.starting else ""
 
     def simulated_mm(self) -> float | None:
         """Return the elongation on the simulated grid, mm; None without a virtual board of this window."""

@@ -29,7 +29,7 @@ ASKED = ReadingRequest(4, 1, "unloading", 20.0, 20.0)
 class Grid:
     """In place of the virtual board's process: a grid that shows one elongation."""
 
-    unit, url = "SA1", "/dev/pts/7"
+    unit, url, camera_url = "SA1", "/dev/pts/7", ""
 
     def __init__(self, mm):
         self.mm = mm

@@ -17,6 +17,8 @@ SMALL = CameraScene(width=160, height=120, px_per_mm=5.0)
 class Kept:
     """A sink that keeps the frames."""
 
+    wanted = True
+
     def __init__(self) -> None:
         self.frames: list[np.ndarray | None] = []
 

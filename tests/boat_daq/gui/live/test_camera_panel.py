@@ -116,3 +116,19 @@ def test_marks_are_saved_to_print(panel, tmp_path):
     assert (tmp_path / "marks.pdf").read_bytes().startswith(b"%PDF")
     with pytest.raises(RequestError, match="'x' is not a length"):
         shown.model.save_marks(tmp_path / "marks.pdf", "x")
+
+
+def test_virtual_camera_is_chosen_in_the_window(panel, monkeypatch):
+    """There was no way to practise it; it is offered with a virtual board alone, and keeps the camera used last."""
+    shown, _ = panel
+    model, seen = shown.model, []
+    shown.refresh(None)
+    assert not shown.virtual.isVisible()
+    model.virtual = lambda: "http://127.0.0.1:8090/"
+    shown.refresh(None)
+    assert shown.virtual.isVisible()
+    monkeypatch.setattr(choice, "open_source", lambda name, allow_remote: seen.append(name) or Pictures())
+    before = model.source
+    shown.virtual.click()
+    assert (seen, model.source) == (["http://127.0.0.1:8090/"], before)
+    assert (shown.virtual.isVisible(), shown.button.text()) == (False, "Close")

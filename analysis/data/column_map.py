@@ -132,6 +132,8 @@ def _by_title(table: Table, taken: Set[int], mapped: Set[str], *, signals_mapped
         name = recognised(title, unit)
         if name is not None and name not in mapped and position not in taken and position not in table.text:
             found.append((name, position, unit))
+    if "elongation_valid" in table.names:  # of an export of ours: computed by a calibration
+        found = [entry for entry in found if entry[0] != "elongation_mm"]
     if signals_mapped:  # signals were mapped explicitly: no others are added
         return [entry for entry in found if not is_signal(entry[0])]
     if any(name == "s0_mv" for name, _, _ in found):  # numbered from 0

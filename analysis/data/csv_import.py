@@ -270,6 +270,11 @@ def _assembled(values: dict[str, FloatArray], meta: dict[str, Any], path: Path) 
     if "simulated" in values:
         meta["simulated"] = bool(np.nanmax(values["simulated"]) > 0)
     channels = [column for name, column in values.items() if name.startswith(_CHANNEL)]
+    if "elongation_mm" in values:
+        stated = ExtraChannel("displacement", "mm")
+        meta |= {"elongation_channel": stated.column, "channels": [*meta.get("channels", ()), list(stated)]}
+        channels.append(values["elongation_mm"])
+        _note(meta, "the displacement column is the elongation: means of the plateaus, no readings are needed")
     signal, lit, dark = _signals(values, meta)
     whole = _whole_numbers(values, meta)
     pressure = values.get("pressure_kpa", np.full(signal.shape[0], np.nan))

@@ -137,6 +137,11 @@ class Recording:
         return str(self.meta.get("unit") or "")
 
     @property
+    def signal_unit(self) -> str:
+        """Unit of the signals, in which `signal_mv` and every figure in mV are: mV unless an import states another."""
+        return str(self.meta.get("signal_unit") or "mV")
+
+    @property
     def identity(self) -> str:
         """Its UUID, which a renamed file keeps; the name of the file where it has none."""
         return str(self.meta.get("uuid") or Path(self.source).name)

@@ -121,6 +121,7 @@ class Analysis(AnalysedRun):
         recording = self.recording
         return {
             "simulated": recording.simulated,
+            "signal_unit": recording.signal_unit,
             "kind": self.kind,
             "duration_s": recording.duration_s,
             "rate_hz": recording.rate_hz,

@@ -9,6 +9,7 @@ of a simulated run.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -63,6 +64,8 @@ def write_report(
     limits : name -> value, see `analysis.figures.acceptance.LIMITS`; the verdict is given against them.
     shadow : the run beside the digital shadow, for a report on one run; None leaves it out.
     """
+    signal_unit = analyses[0].recording.signal_unit if analyses else "mV"
+    units = units if signal_unit == "mV" else replace(units, voltage=signal_unit)
     return write_built(lambda: in_units(build_report(analyses, limits, shadow), units), Path(path), progress)
 
 

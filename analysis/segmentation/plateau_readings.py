@@ -19,6 +19,7 @@ import pandas as pd
 
 from analysis.data.recording import Recording
 from analysis.segmentation.plateaus import Plateau
+from analysis.statistics import mean, standard_error
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError, FileError, RequestError
 from protocol.recording.elongation_file import read_elongation_rows, reason_of
@@ -67,7 +68,7 @@ def elongations_of(
     readings : CSV, frame with its columns, or [plateaus] values in mm.
     """
     if readings is None:
-        return _from_session(recording, plateaus)
+        return _from_session(recording, plateaus) or _from_column(recording, plateaus)
     if isinstance(readings, pd.DataFrame):
         frame, name = _checked_frame(readings), "the frame"
     elif isinstance(readings, str | Path):
@@ -117,6 +118,30 @@ def read_elongation_file(path: str | Path) -> pd.DataFrame:
         frame["cycle"] = [row.cycle for row in rows]
         frame["branch"] = [row.branch for row in rows]
     return frame
+
+
+def _from_column(recording: Recording, plateaus: tuple[Plateau, ...]) -> Elongations | None:
+    """Return the means of a displacement column over the plateaus; its resolution and their scatter are one u.
+
+    A reading's standard uncertainty is its resolution over sqrt(12), so the scatter is stated as a wider resolution.
+    """
+    name = recording.meta.get("elongation_channel")
+    names = [channel.column for channel in recording.channels]
+    if name not in names or recording.channel is None:
+        return None
+    column = recording.channel[:, names.index(str(name))]
+    parts = [column[p.settled_first : p.last + 1] for p in plateaus]
+    means = np.array(
+        [mean(part[np.isfinite(part)]) if not p.void else np.nan for p, part in zip(plateaus, parts, strict=True)]
+    )
+    errors = np.array([standard_error(part[np.isfinite(part)]) for part in parts])
+    known = np.isfinite(means) & np.isfinite(errors)
+    if not known.any():
+        return None
+    steps = np.diff(np.unique(column[np.isfinite(column)]))
+    resolution_mm = float(steps.min()) if steps.size and steps.size < column.size / 3 else 0.0
+    scatter_mm = float(np.sqrt(np.mean(errors[known] ** 2)))
+    return Elongations(means, float(np.hypot(resolution_mm, np.sqrt(12.0) * scatter_mm)), "displacement column")
 
 
 def _from_session(recording: Recording, plateaus: tuple[Plateau, ...]) -> Elongations | None:

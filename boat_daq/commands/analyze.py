@@ -177,9 +177,10 @@ def _show_shadow(shadow: Mapping[str, Any]) -> None:
 def _show(analysis: Analysis, limits: Mapping[str, float]) -> None:
     from analysis.figures.acceptance import judge
     from analysis.figures.figure import void_sentences, with_interval
+    from protocol.base.units import in_a_name
 
     content, sensors = analysis.to_json(), analysis.sensors
-    cycles = content["cycles"]
+    cycles, ending = content["cycles"], f"_{in_a_name(content['signal_unit'])}"
     show(
         f"{'SIMULATED  ' if content['simulated'] else ''}{analysis.recording.source}: "
         f"{content['duration_s']:.1f} s at {content['rate_hz']:.1f} Hz, "
@@ -188,7 +189,10 @@ def _show(analysis: Analysis, limits: Mapping[str, float]) -> None:
     show_table(
         ["figure [95 % interval]", *(sensor.name for sensor in sensors)],
         (
-            [name, *(with_interval(sensor.figures[name]).removesuffix(f" {first.unit}") for sensor in sensors)]
+            [
+                name.replace("_mv", ending),
+                *(with_interval(sensor.figures[name]).removesuffix(f" {first.unit}") for sensor in sensors),
+            ]
             for name, first in sensors[0].figures.items()  # their names end in the unit
         ),
     )

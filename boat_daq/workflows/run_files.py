@@ -68,7 +68,7 @@ def preview_table(path: Path, separator: str | None) -> dict[str, Any]:
     from analysis.data.column_names import units_of
     from analysis.data.csv_import import preview
 
-    roles = ("time_s", "pressure_kpa", "target_kpa", *(f"s{n}_mv" for n in range(1, 9)))
+    roles = ("time_s", "pressure_kpa", "target_kpa", "elongation_mm", *(f"s{n}_mv" for n in range(1, 9)))
     units = {role: tuple(unit.lower() for unit in units_of(role)) for role in roles}
     return preview(path, separator=separator) | {"units": units}
 

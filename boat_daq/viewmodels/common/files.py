@@ -10,7 +10,9 @@ from boat_daq.engine.toml_values import parse_toml, read_text
 from protocol.base.errors import RequestError
 from protocol.recording import SUFFIX
 
-TABLE_SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
+TABLE_SUFFIXES = (
+    ".csv", ".tsv", ".txt", ".dat", ".lvm", ".xlsx", ".xls", ".ods", ".mat", ".h5", ".hdf5", ".parquet",
+)  # fmt: skip
 OPENED = "Open a recording (.boat), a table (.csv), or a plan or a profile (.toml)."
 
 

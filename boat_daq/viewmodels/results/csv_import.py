@@ -20,16 +20,18 @@ from boat_daq.workflows.run_files import import_table, preview_table
 from protocol.base.errors import RequestError
 from protocol.recording import SUFFIX
 
-SENSORS_MOST = 4
+SENSORS_MOST = 8
 ROLES = {
     "time_s": "Time", "pressure_kpa": "Pressure", "target_kpa": "Target pressure",
+    "elongation_mm": "Displacement",
     **{f"s{n}_mv": f"Sensor {n}" for n in range(1, SENSORS_MOST + 1)},
 }  # fmt: skip
 SIGNALS = tuple(role for role in ROLES if role.endswith("_mv"))
 SEPARATORS = (("automatic", ""), ("comma", ","), ("semicolon", ";"), ("tab", "\t"), ("bar", "|"), ("space", " "))
 UNIT_TEXTS = {
     "kpa": "kPa", "pa": "Pa", "mpa": "MPa", "hpa": "hPa", "mmhg": "mmHg", "mv": "mV", "v": "V",
-    "uv": "\u00b5V", "us": "\u00b5s",
+    "uv": "\u00b5V", "us": "\u00b5s", "n": "N", "pf": "pF", "um": "\u00b5m", "cmh2o": "cmH2O",
+    "kgf/cm2": "kgf/cm\u00b2", "ohm": "\u03a9",
 }  # fmt: skip
 KINDS_KEPT = 20  # kinds of files whose columns are remembered
 PREFERENCE = "csv columns"

@@ -268,8 +268,9 @@ class Strip(QWidget):
         self.notices, self.jobs = notices, jobs
         self._shown: Notice | None = None
         self.mark = widgets.label()
-        self.text = widgets.label(name="What needs attention", elide=True)
+        self.text = widgets.label(name="What needs attention", wrap=True)
         self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)  # the buttons are never cut
+        self._least, self._fitted = style.STRIP_HEIGHT, ("", 0, 0)
         self.act = widgets.button("", self.apply, name="Apply suggested action")
         self.more = widgets.button("Details", self._toggle_details, "link")
         self.open_file = widgets.button("Open", self._open_file, name="Open the saved file")
@@ -290,9 +291,14 @@ class Strip(QWidget):
         self._show(None)
 
     def _lay_out(self) -> None:
+        """Place the buttons: what comes and goes leaves its place free, so that no other button moves."""
+        for widget in (self.close_, self.bar, self.cancel):
+            policy = widget.sizePolicy()
+            policy.setRetainSizeWhenHidden(True)
+            widget.setSizePolicy(policy)
         line = widgets.row(
-            self.mark, (self.text, 1), self.behind, self.act, self.open_file, self.folder, self.more, self.copy,
-            self.close_, self.messages, self.work, self.bar, self.cancel,
+            self.mark, (self.text, 1), self.work, self.behind, self.more, self.copy, self.folder, self.open_file,
+            self.act, self.close_, self.messages, self.bar, self.cancel,
             margins=(style.PAGE_MARGIN, 0, style.PAGE_MARGIN, 0),
         )  # fmt: skip
         self.head = QWidget()
@@ -302,7 +308,20 @@ class Strip(QWidget):
 
     def fold(self, *, low: bool) -> None:
         """Take less height in a low window."""
-        self.head.setFixedHeight(style.STRIP_HEIGHT_LOW if low else style.STRIP_HEIGHT)
+        self._least = style.STRIP_HEIGHT_LOW if low else style.STRIP_HEIGHT
+        self._fit()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Show the whole message at another width."""
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        """Take the height of the whole message: its remedy, at the end, is never cut."""
+        asked = (self.text.text(), self.text.width(), self._least)
+        if asked != self._fitted:
+            self._fitted = asked
+            self.head.setFixedHeight(max(self._least, self.text.heightForWidth(self.text.width()) + style.GAP))
 
     def refresh(self) -> None:
         """Show the most severe notice and the newest job."""
@@ -320,10 +339,11 @@ class Strip(QWidget):
             job = running[-1]
             widgets.set_text(self.work, job.label)
             self.work.setMaximumWidth(max(style.VENT_WIDTH, self.width() // 4))  # the rest is the message's
-            self.bar.setFixedWidth(style.VENT_WIDTH // 2 if crowded else style.VENT_WIDTH)
             self.bar.setToolTip(job.label)
             self.bar.setRange(0, 0 if job.fraction is None else 1000)
             self.bar.setValue(job.permille)
+        self.bar.setFixedWidth(style.VENT_WIDTH // (2 if self.width() < style.NARROW_BELOW else 1))
+        self._fit()
 
     def _show(self, notice: Notice | None) -> None:
         self._shown = notice

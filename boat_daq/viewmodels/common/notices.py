@@ -1,8 +1,8 @@
-"""Notices for the status strip, by severity, then by time.
+"""Notices for the status strip: a new one first, then by severity and time.
 
 Rules: a notice has a cause and, where there is one, a remedy and an action; details are shown on request. Faults and
-warnings stay until dismissed or replaced by more severe ones; information without an action expires. The session's
-messages about a broken link are dismissed once it is up again.
+warnings stay until dismissed; the refusal of an action and information without an action expire. The session's messages
+about a broken link or a slow disk are dismissed once it is over.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ from protocol.base.errors import cause_and_remedy
 
 Offer = tuple[str, Callable[[], None]]
 """Label and function of a button."""
-INFORMATION_S, SAVED_S = 6.0, 30.0
+INFORMATION_S, SAVED_S, REFUSED_S = 6.0, 30.0, 60.0
+NEW_S = 6.0  # so long a notice is shown before older, more severe ones
 _KEPT = 200
 
 
@@ -52,6 +53,7 @@ class Notice:
     at_s: float = 0.0
     time: str = ""  # of the day, for the history
     saved: Path | None = None  # a file that was written: it can be opened, or its folder
+    refusal: bool = False  # why an action of the operator was not done
 
     @property
     def stays(self) -> bool:
@@ -61,6 +63,8 @@ class Notice:
     @property
     def shown_s(self) -> float:
         """Return how long it is shown: a saved file longer, so that it can be opened."""
+        if self.refusal:
+            return REFUSED_S
         return math.inf if self.stays else SAVED_S if self.saved is not None else INFORMATION_S
 
     @property
@@ -91,11 +95,12 @@ class Notices:
         details: str = "",
         action: Offer | None = None,
         saved: Path | None = None,
+        refusal: bool = False,
     ) -> Notice:
         """Add a notice; one with the same cause is replaced."""
         action_text, run = action or ("", None)
         time = datetime.now().astimezone().strftime("%H:%M:%S")
-        notice = Notice(severity, cause, remedy, details, action_text, run, self._clock(), time, saved)
+        notice = Notice(severity, cause, remedy, details, action_text, run, self._clock(), time, saved, refusal)
         self._open = [*(other for other in self._open if other.cause != cause), notice]
         self.history = [*self.history[-_KEPT + 1 :], notice]
         return notice
@@ -127,16 +132,17 @@ class Notices:
     def _add_error(self, error: Exception) -> None:
         """Add an error; one that is not the program's own with its traceback, which is logged too."""
         if (known := cause_and_remedy(error)) is not None:
-            self.add(Severity.WARNING, *known)
+            self.add(Severity.WARNING, *known, refusal=True)
         else:
             note_failure("in the window", error)
             self.add(Severity.WARNING, _plain(error), details="".join(traceback.format_exception(error)))
 
     def current(self) -> Notice | None:
-        """Return the most severe open notice, the newest of equals; None without one."""
+        """Return the newest notice while it is new, then the most severe, the newest of equals; None without one."""
         now = self._clock()
         self._open = [n for n in self._open if now - n.at_s < n.shown_s]
-        return max(self._open, key=lambda n: (n.severity, n.at_s), default=None)
+        new = [n for n in self._open if now - n.at_s < NEW_S]
+        return max(reversed(new or self._open), key=lambda n: (n.severity, n.at_s), default=None)
 
     def waiting(self) -> int:
         """Return how many notices are open besides the current one."""
@@ -158,6 +164,7 @@ class SessionMessages:
         self._notices = notices
         self._last = max((m.number for m in snapshot.messages), default=0)
         self._of_link: list[Notice] = []
+        self._of_disk: list[Notice] = []
 
     def follow(self, snapshot: SessionSnapshot) -> None:
         """Add what is new; dismiss what a restored link has settled."""
@@ -168,13 +175,22 @@ class SessionMessages:
             self._last = message.number
             over = message.kind is MessageKind.SILENT and connected  # data arrive again
             level = Severity.INFORMATION if over else _LEVELS.get(message.level, Severity.WARNING)
-            notice = self._notices.add(level, message.cause, "" if over else message.remedy)
-            if snapshot.link in DOWN:
+            cause = f"{message.cause}; data resumed" if over else message.cause
+            notice = self._notices.add(level, cause, "" if over else message.remedy)
+            if message.kind is MessageKind.STORAGE:
+                self._of_disk.append(notice)
+            elif snapshot.link in DOWN:
                 self._of_link.append(notice)
+        if snapshot.recording is None or (snapshot.health is not None and not snapshot.health.late):
+            self._settle(self._of_disk)
         if connected:
-            for notice in self._of_link:
-                self._notices.dismiss(notice)
-            self._of_link.clear()
+            self._settle(self._of_link)
+
+    def _settle(self, over: list[Notice]) -> None:
+        """Dismiss messages whose cause is gone."""
+        for notice in over:
+            self._notices.dismiss(notice)
+        over.clear()
 
 
 def sentence(text: str) -> str:

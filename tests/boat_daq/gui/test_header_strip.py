@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from PySide6.QtGui import QGuiApplication
+from PySide6.QtWidgets import QApplication
 
 from boat_daq.engine.snapshot import (
     LinkState,
@@ -106,7 +109,7 @@ def test_silence_that_is_over_is_only_information(make):
     window = make(session)
     session.change(messages=(Message(1, MessageKind.SILENT, "warning", "no data for 1 s", "Check the cable."),))
     window.refresh()
-    assert window.strip.text.text() == "No data for 1 s."
+    assert window.strip.text.text() == "No data for 1 s; data resumed."
     assert window.strip.property("level") == "information"
 
 
@@ -142,3 +145,40 @@ def test_history_keeps_every_message(live):
     assert live.strip.details.isVisible()
     live.strip.messages.click()
     assert not live.strip.details.isVisible()
+
+
+def test_a_remedy_is_never_cut_and_no_button_moves(live):
+    """Two clicks missed where a task started or ended; the end of a long message could not be read."""
+    strip, long = live.strip, "the regulator does not follow " + "and its valve does not close " * 4
+    for width in (853, 1280):
+        live.resize(width, 600)
+        live.model.notices.add(Severity.WARNING, long, "Check its supply, then clear the fault.", action=("Do", pause))
+        live.refresh()
+        QApplication.processEvents()
+        live.refresh()
+        assert strip.text.height() >= strip.text.heightForWidth(strip.text.width())
+        places = strip.act.pos().x(), strip.close_.pos().x(), strip.messages.pos().x()
+        live.model.jobs.start("long", Job("Waiting", pause, 60), lambda job: None)
+        live.refresh()
+        QApplication.processEvents()
+        assert (strip.act.pos().x(), strip.close_.pos().x(), strip.messages.pos().x()) == places
+        strip.cancel_job()
+        live.model.notices.dismiss_all(Severity.WARNING)
+        live.model.notices.inform("short")
+        live.refresh()
+        QApplication.processEvents()
+        assert strip.messages.pos().x() == places[2]
+        assert strip.head.height() <= 40
+
+
+def test_a_slow_disk_that_recovered_leaves_no_warning(make):
+    """A message about the disk stayed after the recording had been closed."""
+    session = RecordedSession(connected(), filled_ring(10.0))
+    window = make(session)
+    slow = Message(1, MessageKind.STORAGE, "warning", "disk is slow", "Use another.")
+    session.change(messages=(slow,), recording=Path("a.boat"))
+    window.refresh()
+    assert "Disk is slow" in window.strip.text.text()
+    session.change(recording=None)
+    window.refresh()
+    assert window.strip.text.text() == ""

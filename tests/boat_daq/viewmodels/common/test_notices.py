@@ -13,13 +13,22 @@ def test_current_notice_is_the_most_severe():
     notices.add(Severity.FAULT, "the port is gone")
     now[0] = 1.0
     notices.add(Severity.WARNING, "2 samples lost")
+    now[0] = 5.0
+    assert notices.current().cause == "the port is gone"
+    now[0] = 10.0
     notices.inform("Saved")
+    assert notices.current().cause == "Saved"  # it was hidden behind the older ones, and never seen
+    now[0] = 16.5
+    notices.inform("Saved")
+    now[0] = 17.0
+    notices.add(Severity.FAULT, "the port is gone")
     assert notices.current().cause == "the port is gone"
     assert notices.waiting() == 2
     notices.dismiss(notices.current())
+    assert notices.current().cause == "Saved"
+    notices.dismiss(notices.current())
     assert notices.current().cause == "2 samples lost"
     notices.dismiss(notices.current())
-    assert notices.current().cause == "Saved"
     now[0] = 60.0
     assert notices.current() is None
 
@@ -30,7 +39,11 @@ def test_attempt_never_raises():
     def refuse():
         raise RequestError("no port was chosen", "Choose one.")
 
-    notices = Notices()
+    now = [0.0]
+    notices = Notices(lambda: now[0])
+    assert not notices.attempt(refuse)
+    now[0] = 100.0
+    assert notices.current() is None  # nobody waits for the answer any more
     assert not notices.attempt(refuse)
     assert (notices.current().cause, notices.current().remedy, notices.current().details) == (
         "no port was chosen",

@@ -110,10 +110,11 @@ def _stated(name: str, sensor: SensorAnalysis, tolerance: Tolerance) -> LimitSta
 
 
 def against_published(sensor: SensorAnalysis) -> list[LimitStatement]:
-    """State the conformity of a calibrated sensor with the published limits; none of one without a calibration."""
+    """State the conformity of a sensor with the published limits; without a calibration of the figures that it has."""
+    found = [t for t in TOLERANCES if t.key in sensor.figures]
     if sensor.calibration is None:
-        return []
-    return [_stated(t.key, sensor, t) for t in TOLERANCES if t.key in sensor.figures]
+        found = [t for t in found if math.isfinite(sensor.figures[t.key].value)]
+    return [_stated(t.key, sensor, t) for t in found]
 
 
 def out_of_tolerance(sensor: SensorAnalysis, reading_sd_mm: float) -> tuple[Warning, ...]:

@@ -20,7 +20,7 @@ from boat_daq.gui.widgets.data_table import dress
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.services import Panel, Services
-from boat_daq.viewmodels.live.readings import READING_COLUMNS, SOON_S, ReadingsModel, Row
+from boat_daq.viewmodels.live.readings import SOON_S, TABLE_COLUMNS, ReadingsModel, Row
 from boat_daq.viewmodels.live.run_model import RunModel
 from protocol.base.errors import RequestError
 
@@ -193,8 +193,8 @@ class ReadingsTableModel(QAbstractTableModel):
             self.endInsertRows()
         self.rows = rows
         if rows:
-            self.dataChanged.emit(self.index(0, 0), self.index(len(rows) - 1, READING_COLUMNS - 1))
-            self.headerDataChanged.emit(Qt.Orientation.Horizontal, 0, READING_COLUMNS - 1)
+            self.dataChanged.emit(self.index(0, 0), self.index(len(rows) - 1, TABLE_COLUMNS - 1))
+            self.headerDataChanged.emit(Qt.Orientation.Horizontal, 0, TABLE_COLUMNS - 1)
 
     def rowCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008
         """Return the number of plateaus."""
@@ -202,7 +202,7 @@ class ReadingsTableModel(QAbstractTableModel):
 
     def columnCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008
         """Return the number of columns."""
-        return 0 if parent.isValid() else READING_COLUMNS
+        return 0 if parent.isValid() else TABLE_COLUMNS
 
     def headerData(self, section: int, orientation: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
         """Return a heading."""

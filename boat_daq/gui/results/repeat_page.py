@@ -27,7 +27,7 @@ from protocol.base.arrays import FloatArray
 SYMBOLS = ("o", "s", "t1", "d")  # by sensor, up to four
 _SENSORS = len(SYMBOLS)
 FILLED = "\u25cf\u25a0\u25b2\u25c6"  # the same as text
-NONE: FloatArray = np.zeros(0)
+_EMPTY: FloatArray = np.zeros(0)
 NO_FIGURE = "No cycle has this figure; the tooltip in the table gives the reason."
 BREAK_HEADINGS = ("", "before", "after", "p (t)", "p (F)")
 BREAK_TIPS = {
@@ -68,7 +68,7 @@ class LoopsByCycle(PlotCard):
         for i, (plot, curves) in enumerate(zip(self.plots, self.groups, strict=False)):
             for curve, cycles in zip(curves, model.groups(), strict=True):
                 known = i < len(sensors)
-                curve.set(*(loops.opened(i, sensors[i].cycles.full_scale_mv, cycles) if known else (NONE, NONE)))
+                curve.set(*(loops.opened(i, sensors[i].cycles.full_scale_mv, cycles) if known else (_EMPTY, _EMPTY)))
             self.limits += limit_lines(plot, sensors[i].cycles.whole) if i < len(sensors) else []
             plot.fit()
         self.readout.setText(f"loading minus unloading, cycles {loops.numbers[0]}\u2013{loops.numbers[-1]}, dark first")
@@ -132,7 +132,7 @@ class CycleFigureCard(PlotCard):
     def _show_sensor(self, i: int, each: CycleSeries, numbers: FloatArray, key: str) -> None:
         """Draw the cycles of a sensor, and the figure of its run."""
         if key == DRIFT_KEY:
-            low, high = each.ends if each.ends.size else (NONE, NONE)
+            low, high = each.ends if each.ends.size else (_EMPTY, _EMPTY)
             self._set(self.low_ends[i], numbers, low)
             self._set(self.sensors[i], numbers, high)
             line, *band = each.drift_line(numbers)

@@ -102,7 +102,7 @@ class Row:
         )
 
 
-READING_COLUMNS = 5
+TABLE_COLUMNS = 5
 
 
 def place(at: StepMark | ReadingRequest | Progress, units: ShownUnits = STORED_UNITS) -> str:

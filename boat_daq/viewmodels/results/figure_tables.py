@@ -24,7 +24,7 @@ Cell = tuple[str, str]
 """A text of a table with its tooltip."""
 HYSTERESIS_KEY, DRIFT_KEY = "system_hysteresis_percent_fso", "drift_percent_fso_per_100_cycles"
 SENSITIVITY_KEY, SNR_KEY, FSO_KEY = "sensitivity_mv_per_mm", "snr_db", "fso_mv"
-OF_CYCLES = (HYSTERESIS_KEY, DRIFT_KEY, SENSITIVITY_KEY, SNR_KEY, FSO_KEY)
+_OF_RUN = (HYSTERESIS_KEY, DRIFT_KEY, SENSITIVITY_KEY, SNR_KEY, FSO_KEY)
 _SHAPES = {"pass": "\u25cf", "conditional_pass": "\u25d0", "conditional_fail": "\u25b3", "fail": "\u25b2"}
 """Marks of a statement of conformity beside a value; one that is undetermined has none."""
 _MARKS = ", ".join(f"{shape} {statement.replace('_', ' ')}" for statement, shape in _SHAPES.items())
@@ -169,7 +169,7 @@ def run_figures(sensor: SensorAnalysis) -> dict[str, RunFigure]:
     from analysis.figures.acceptance import TOLERANCES
 
     limits = {one.key: (one.limit, one.symbol) for one in TOLERANCES}
-    found = {key: sensor.figures[key] for key in OF_CYCLES if key in sensor.figures}
+    found = {key: sensor.figures[key] for key in _OF_RUN if key in sensor.figures}
     return {key: RunFigure(f.value, f.low, f.high, *limits.get(key, ())) for key, f in found.items()}
 
 

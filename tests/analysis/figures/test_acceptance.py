@@ -168,7 +168,7 @@ def test_statements_end_with_r2_of_the_calibrated_sensors():
     snr = {"snr_db": Figure(44.0, "dB", 5, 43.5, 44.5)}
     sensors = [sensor(Y, **snr), of_sensor(**snr)]
     found = conformity_json(SimpleNamespace(sensors=sensors, reading_sd_mm=0.0), {"snr": 30.0})
-    assert [one["name"] for one in found] == ["snr", "snr", "snr_db", "r2"]
+    assert [one["name"] for one in found] == ["snr", "snr", "snr_db", "snr_db", "r2"]
     assert found[-1]["value"] == sensors[0].calibration.r2
 
 

@@ -132,8 +132,8 @@ def _by_title(table: Table, taken: Set[int], mapped: Set[str], *, signals_mapped
         name = recognised(title, unit)
         if name is not None and name not in mapped and position not in taken and position not in table.text:
             found.append((name, position, unit))
-    if "elongation_valid" in table.names:  # of an export of ours: computed by a calibration
-        found = [entry for entry in found if entry[0] != "elongation_mm"]
+    computed = "elongation_valid" in table.names  # by a calibration, in an export of ours
+    found = [entry for entry in found if entry[0] != "elongation_mm" or not (computed or _is_constant(table, entry[1]))]
     if signals_mapped:  # signals were mapped explicitly: no others are added
         return [entry for entry in found if not is_signal(entry[0])]
     if any(name == "s0_mv" for name, _, _ in found):  # numbered from 0
@@ -146,6 +146,11 @@ def _by_title(table: Table, taken: Set[int], mapped: Set[str], *, signals_mapped
         ]
         found += [(f"s{n}_mv", *other) for n, other in enumerate(others[:SENSORS_IN_A_RECORDING], 1)]
     return found
+
+
+def _is_constant(table: Table, position: int) -> bool:
+    known = table.columns[position][np.isfinite(table.columns[position])]
+    return not known.size or bool(np.ptp(known) == 0)
 
 
 def too_many_sensors(table: Table, mapping: ColumnMap) -> tuple[ColumnMap, str]:

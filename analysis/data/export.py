@@ -1,9 +1,9 @@
 """Samples out of a recording, with elongation and its uncertainty where a calibration gives them.
 
-CSV with a JSON sidecar, Parquet, HDF5 (a dataset a column), or MAT (a vector a column, MATLAB 5). Every column's name
-carries its unit; numbers read back are the same; text that a spreadsheet would take for a formula is neutralised; a
-simulated run is marked SIMULATED in the file itself. `analysis.data.csv_import` reads the CSV without a map. A
-cancelled export leaves the file before as it was.
+CSV (one header row) with a JSON sidecar, Parquet, HDF5 (a dataset a column, over the dimension time_s), or MAT (a
+vector a column, MATLAB 5). Every column's name carries its unit; numbers read back are the same; a simulated run is
+marked in the file itself, in CSV by a column. `analysis.data.csv_import` reads them without a map. A cancelled export
+leaves the file before as it was.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
-from analysis.data.recording import META_KEYS, Recording
+from analysis.data.recording import Recording
 from analysis.data.ros_bag import write_bag
 from analysis.progress import Progress
 from protocol.base.arrays import BoolArray, FloatArray
@@ -103,23 +103,13 @@ def _write_csv(
     recording: Recording, path: Path, converted: ConvertedElongation | None, progress: Progress | None
 ) -> None:
     with path.open("w", encoding="utf-8", errors="replace", newline="") as file:
-        if recording.simulated:
-            file.write("# SIMULATED: recorded from the virtual board\n")
-        for key in META_KEYS:
-            if recording.meta.get(key) is not None:
-                file.write(_comment(f"{key}: {json.dumps(recording.meta[key], ensure_ascii=False)}"))
-        for channel in recording.channels:
-            file.write(_comment(f"channel {channel.column}: {channel.quantity}"))
         for first in range(0, recording.n, _ROWS_AT_ONCE):
             part = samples_frame(recording, slice(first, first + _ROWS_AT_ONCE), converted)
+            if recording.simulated:
+                part["simulated"] = 1
             part.to_csv(file, index=False, header=first == 0, lineterminator="\n", quoting=csv.QUOTE_MINIMAL)
             if progress is not None:
                 progress(min(first + _ROWS_AT_ONCE, recording.n), recording.n)
-
-
-def _comment(text: str) -> str:
-    """Return a comment line. A comma would begin a cell, and so perhaps a formula; the sidecar has the exact text."""
-    return "# " + " ".join(text.replace(",", ";").split()) + "\n"
 
 
 def _write_parquet(frame: pd.DataFrame, description: Mapping[str, Any], path: Path) -> None:
@@ -138,7 +128,11 @@ def _write_hdf5(frame: pd.DataFrame, description: Mapping[str, Any], path: Path)
         for name, unit in description["columns"].items():
             values = frame[name].to_numpy()
             dataset = file.create_dataset(name, data=values, compression="gzip", compression_opts=4, shuffle=True)
-            dataset.attrs["unit"] = unit
+            dataset.attrs["units"] = dataset.attrs["unit"] = unit
+        file["time_s"].make_scale("time_s")
+        for name in description["columns"]:
+            if name != "time_s":
+                file[name].dims[0].attach_scale(file["time_s"])
 
 
 def _write_mat(frame: pd.DataFrame, description: Mapping[str, Any], path: Path) -> None:

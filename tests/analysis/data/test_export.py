@@ -38,13 +38,14 @@ def test_numbers_survive_export_and_import(tmp_path_factory: pytest.TempPathFact
 
 @pytest.mark.fault(49, 54, how="a formula for a note, in a simulated run", times=1)
 def test_export_says_simulated_and_neutralises_text(tmp_path: Path) -> None:
-    """Faults 49 and 54: the note is one cell that no spreadsheet runs; SIMULATED is in CSV, sidecar and Parquet."""
+    """Faults 49 and 54: no text is in the table, where a spreadsheet runs it; SIMULATED is in every file."""
     meta = {"note": '=cmd|"/c calc",@x', "operator": "+1"}
     run = write_boat(tmp_path / "r.boat", Plant().run(*triangle(2, 5)), meta=meta)
     recording = load_recording(run)
     export(recording, tmp_path / "r.csv", "csv")
     lines = (tmp_path / "r.csv").read_text().splitlines()
-    assert lines[0].startswith("# SIMULATED")
+    assert lines[0].startswith("index,time_s")
+    assert lines[0].endswith(",simulated")
     import csv
 
     for cells in csv.reader(lines):
@@ -58,16 +59,6 @@ def test_export_says_simulated_and_neutralises_text(tmp_path: Path) -> None:
     frame = pd.read_parquet(tmp_path / "r.parquet")
     np.testing.assert_array_equal(frame["s1_mv"], recording.signal_mv[:, 0])
     assert neutral("=1+1") == "'=1+1"
-
-
-def test_exported_comments_begin_with_a_hash_and_hold_no_cell(tmp_path: Path) -> None:
-    """A reader that skips lines beginning with # meets the header next; a formula in a note stays inside its line."""
-    from analysis.data.export import _comment
-
-    line = _comment('note: "a,=1+1\\n"')
-    assert line.startswith("# note")
-    assert "," not in line
-    assert line.count("\n") == 1
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])

@@ -1,4 +1,4 @@
-"""Sphinx's settings. The source folder is the repository (decision 0012): `sphinx-build -c docs . out/docs`."""
+"""Sphinx's settings. The source folder is the repository: `sphinx-build -c docs . out/docs`."""
 
 import sys
 from pathlib import Path

@@ -57,7 +57,7 @@ UNCERTAINTY = (
 METHOD = (
     "The actuator is driven through a staircase of pressures, up and down, for several cycles. At each plateau the "
     "elongation is read from a reference scale and each sensor's signal is averaged after settling. The calibration "
-    "function is fitted to the means of the positions, loading and unloading jointly (analysis/METHODS.md of boat-daq)."
+    "function is fitted to the means of the positions, loading and unloading jointly."
 )
 
 ADJUSTMENT = "No adjustment or repair was made: the results apply to the item as found and as left."

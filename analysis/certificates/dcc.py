@@ -37,6 +37,7 @@ from analysis.certificates.certificate import (
 from analysis.certificates.laboratory import Laboratory
 from analysis.conformity import RULE, Conformity
 from analysis.figures.figure import SENSOR_FIGURES
+from analysis.numbers import decimals_for
 from analysis.version import program_version
 from protocol.base.arrays import FloatArray
 from protocol.base.uncertainty import COVERAGE_FACTOR
@@ -260,39 +261,57 @@ def _sensor(results: ET.Element, sensor: CalibratedSensor, name: str) -> None:
         data = _add(figures, "data")
         for key, value in sensor.figures.items():
             if math.isfinite(value):
-                _real(data, figure_label(key), value, _UNITS[SENSOR_FIGURES[key].unit])
+                definition = SENSOR_FIGURES[key]
+                _real(data, figure_label(key), round(value, definition.decimals), _UNITS[definition.unit])
     if sensor.statements:
         _conformity(_add(results, "result"), sensor, name)
 
 
 def _levels(table: ET.Element, levels: Sequence[Level]) -> None:
     """Add the levels of one branch; where the curve gives no elongation for a signal, there is none for any."""
-    _list(table, "Pressure", [one.pressure_kpa for one in levels], KPA)
-    _list(table, "Elongation", [one.elongation_mm for one in levels], MM, ref_type="basic_referenceValue")
-    _list(table, "Signal", [one.signal_mv for one in levels], MV)
-    indicated = [one.indicated_mm for one in levels]
+    places = [decimals_for(one.expanded_mm) for one in levels]
+    _list(table, "Pressure", _places([one.pressure_kpa for one in levels], 2), KPA)
+    elongation = [round(one.elongation_mm, place) for one, place in zip(levels, places, strict=True)]
+    _list(table, "Elongation", elongation, MM, ref_type="basic_referenceValue")
+    _list(table, "Signal", _places([one.signal_mv for one in levels], 2), MV)
+    indicated = [round(one.indicated_mm, place) for one, place in zip(levels, places, strict=True)]
     if np.isfinite(indicated).all():
         _list(table, "Indicated elongation", indicated, MM, ref_type="basic_measuredValue")
-        expanded = [one.expanded_mm for one in levels], [one.coverage for one in levels]
-        _list(table, "Deviation", [one.deviation_mm for one in levels], MM, expanded, ref_type="basic_measurementError")
+        stated = [round(one.expanded_mm, place) for one, place in zip(levels, places, strict=True)]
+        deviation = [round(one.deviation_mm, place) for one, place in zip(levels, places, strict=True)]
+        expanded = stated, _places([one.coverage for one in levels], 4)
+        _list(table, "Deviation", deviation, MM, expanded, ref_type="basic_measurementError")
 
 
 def _function(data: ET.Element, calibration: Calibration) -> None:
     low, high = calibration.x_range
-    _list(data, "Range", [low, high], MM)
+    _list(data, "Range", _places([low, high], 3), MM)
     if calibration.spline is not None:
         _name(data, "A monotone cubic spline; points of it.", "text")
         x = np.linspace(low, high, _CURVE_POINTS)
-        _list(data, "Elongation", x, MM)
-        _list(data, "Signal", calibration.predict(x), MV)
+        _list(data, "Elongation", _places(x, 4), MM)
+        _list(data, "Signal", _places(calibration.predict(x), 2), MV)
         return
     terms = "+".join(f"b_{k} x^{k}" for k in range(calibration.degree + 1))
     _add(_add(data, "formula"), "latex", f"y = {terms}")
     units = [_per_mm(1, k) for k in range(calibration.degree + 1)]
-    _list(data, "Coefficients b0, b1, ...", calibration.coefficients, units)
-    _list(data, "Standard uncertainties of the coefficients", calibration.std_errors_with_reading, units)
+    u = calibration.std_errors_with_reading
+    places = [decimals_for(float(one)) for one in u]
+    # two digits more than a result has (GUM 7.2.6): elongations are computed from them
+    terms_rounded = [round(float(b), place + 2) for b, place in zip(calibration.coefficients, places, strict=True)]
+    _list(data, "Coefficients b0, b1, ...", terms_rounded, units)
+    _list(data, "Standard uncertainties of the coefficients", list(map(_two_digits, u)), units)
     for k, row in enumerate(calibration.covariance_with_reading):
-        _list(data, f"Covariance of b{k}", row, [_per_mm(2, k + j) for j in range(row.size)])
+        values = [float(f"{one:.5e}") for one in row]
+        _list(data, f"Covariance of b{k}", values, [_per_mm(2, k + j) for j in range(row.size)])
+
+
+def _places(values: Sequence[float] | FloatArray, places: int) -> list[float]:
+    return [round(float(value), places) for value in values]
+
+
+def _two_digits(u: float) -> float:
+    return float(f"{u:.1e}")
 
 
 def _per_mm(power: int, of_x: int) -> str:
@@ -308,7 +327,7 @@ def _conformity(result: ET.Element, sensor: CalibratedSensor, name: str) -> None
             _name(data, f"{one.name}: undetermined", "text")
             continue
         label, unit = figure_label(one.tolerance.key), _UNITS[one.figure.unit]
-        quantity = _real(data, label, one.figure.value, unit)
+        quantity = _real(data, label, round(one.figure.value, decimals_for(one.figure.uncertainty)), unit)
         meta = _add(_add(quantity, "measurementMetaData"), "metaData", refType="basic_conformity")
         _name(meta, f"{RULE}; limit {one.tolerance.symbol} {one.tolerance.limit:g} {one.figure.unit}", "declaration")
         _add(meta, "conformity", _CONFORMITY[one.conformity])

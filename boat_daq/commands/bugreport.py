@@ -23,6 +23,7 @@ def bugreport(
     Example: boat-daq bugreport --out bug.zip
     """
     from boat_daq.engine.bug_report import contents, write_bug_report
+    from boat_daq.engine.installation import address_of
 
     path = out or Path(f"boat-daq_bug_{datetime.now().astimezone():%Y-%m-%d_%H%M%S}.zip")
     write_bug_report(path, personal=personal)
@@ -32,3 +33,5 @@ def bugreport(
         return
     privacy = "it CONTAINS names, notes and paths" if personal else "names, notes and paths are removed"
     notify(f"wrote {path}: {', '.join(names)}; {privacy}. Check its contents before you send it.")
+    if address := address_of("Issues"):
+        notify(f"report the fault at {address}")

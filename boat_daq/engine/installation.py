@@ -7,9 +7,11 @@ decodes frames in Python. That loses nothing at the rates of a board, and takes 
 from __future__ import annotations
 
 import contextlib
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib import metadata
+from pathlib import Path
 
 from protocol.base.optional import install_command
 from protocol.link.framing import is_compiled
@@ -58,3 +60,37 @@ def address_of(label: str) -> str:
             if name == label and "example.org" not in address:
                 return str(address)
     return ""
+
+
+USES = {  # by distribution; what is not listed belongs to the commands
+    "pyside6-essentials": "window", "shiboken6": "window", "pyqtgraph": "window",
+    "numpy": "calibration", "scipy": "calibration", "pandas": "calibration", "emcee": "calibration",
+    "python-dateutil": "calibration",
+    "numba": "compiled parts", "llvmlite": "compiled parts",
+    "matplotlib": "charts", "fonttools": "charts", "pillow": "charts", "kiwisolver": "charts", "contourpy": "charts",
+    "typst": "PDF",
+    "pyserial": "link", "cobs": "link",
+}  # fmt: skip
+
+
+def installed_sizes() -> list[tuple[str, str, int]]:
+    """Return name, use and bytes on disk of this program and of each library that it requires, the largest first."""
+    sizes: dict[str, int] = {}
+    _add_sizes("boat-daq", sizes)
+    return sorted(((name, USES.get(name, "commands"), size) for name, size in sizes.items()), key=lambda row: -row[2])
+
+
+def _add_sizes(name: str, sizes: dict[str, int]) -> None:
+    """Add a distribution and what it requires; one that is not installed is left out."""
+    key = re.sub(r"[-_.]+", "-", name).lower()
+    if key in sizes:
+        return
+    try:
+        found = metadata.distribution(name)
+    except metadata.PackageNotFoundError:
+        return
+    files = (Path(str(file.locate())) for file in found.files or ())
+    sizes[key] = sum(path.stat().st_size for path in files if path.is_file())
+    for requirement in found.requires or ():
+        if "extra ==" not in requirement:
+            _add_sizes(re.split(r"[^\w.-]", requirement, maxsplit=1)[0], sizes)

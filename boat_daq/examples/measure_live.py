@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from analysis import load_recording
-from boat_daq.measure import Plan, Session
+from boat_daq import Plan, Session, load_recording
 
 _PLAN = Plan("two plateaus", "staircase", cycles=1, high_kpa=20.0, low_kpa=0.0, step_kpa=20.0, ramp_kpa_per_s=20.0)
 

@@ -1,4 +1,4 @@
-"""Take the pictures of the documents again: `make pictures`.
+"""Take the pictures and the moving picture of the documents again: `make pictures`.
 
 The steps of the tutorial in the real window, on the virtual board, under Xvfb. Each picture is one of the whole window
 (1280 x 800) and replaces the one in docs/images.
@@ -6,10 +6,14 @@ The steps of the tutorial in the real window, on the virtual board, under Xvfb. 
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from pathlib import Path
 
+from PIL import Image
+from PySide6.QtCore import QBuffer, QIODevice, Qt, QTimer
+from PySide6.QtGui import QPixmap
 from PySide6.QtTest import QTest
 
 from boat_daq.viewmodels.common.services import Page, Tab
@@ -17,6 +21,36 @@ from tests.docs.pages import ROOT
 from tests.system.window_scenarios import Scenario
 
 NAMES = {"2-running": "sequence", "3-calibration": "calibration"}  # of the pictures that a scenario takes itself
+
+
+class Film:
+    """A moving picture of the window, a frame each `every_ms`, at most `most` of them spread over its time."""
+
+    def __init__(self, scenario: Scenario, every_ms: int = 500, most: int = 60, width: int = 800) -> None:
+        self._scenario, self._most, self._width = scenario, most, width
+        self._frames: list[QPixmap] = []
+        self._timer = QTimer()
+        self._timer.timeout.connect(self._take)
+        self._timer.start(every_ms)
+
+    def _take(self) -> None:
+        picture = self._scenario.window.grab()
+        self._frames.append(picture.scaledToWidth(self._width, Qt.TransformationMode.SmoothTransformation))
+
+    def save(self, path: Path) -> None:
+        """Stop, and write the frames as GIF: 64 colours, a quarter of a second each, the last for three seconds."""
+        self._timer.stop()
+        step = max(1, len(self._frames) // self._most)
+        images = [_as_image(frame) for frame in [*self._frames[::step], self._frames[-1]]]
+        times = [250] * (len(images) - 1) + [3000]
+        images[0].save(path, save_all=True, append_images=images[1:], duration=times, loop=0, optimize=True)
+
+
+def _as_image(picture: QPixmap) -> Image.Image:
+    buffer = QBuffer()
+    buffer.open(QIODevice.OpenModeFlag.WriteOnly)
+    picture.save(buffer, "PNG")
+    return Image.open(io.BytesIO(bytes(buffer.data().data()))).convert("RGB").quantize(64, dither=Image.Dither.NONE)
 
 
 def main(folder: Path) -> None:
@@ -34,9 +68,12 @@ def main(folder: Path) -> None:
     window.live.pane.setCurrentWidget(window.live.plan)
     QTest.qWait(2000)
     scenario.keep("plan")
+    film = Film(scenario)
     scenario.choose_cycles(2)
     scenario.run_plan()
-    scenario.calibrate(sampled=True)
+    scenario.calibrate(sampled=False)
+    QTest.qWait(1000)
+    film.save(ROOT / "docs" / "images" / "calibration.gif")
     scenario.click(window.navigation.buttons[Page.RECORDINGS])
     runs = window.pages[Page.RECORDINGS]
     scenario.until(lambda: runs.list.rowCount() > 0, "the list of runs")

@@ -33,7 +33,7 @@ def unknown(words: list[str]) -> list[str]:
     known = {"--help", "--json"} | {option for parameter in command.params for option in parameter.opts}
     if getattr(command, "commands", None):  # several of a group, such as `twin accept|identify`
         return []
-    return [word for word in re.findall(r"(?<![\w-])--[a-z][a-z-]*", " ".join(words)) if word not in known]
+    return [word for word in re.findall(r"(?<![\w-])--[a-z][a-z0-9-]*", " ".join(words)) if word not in known]
 
 
 def test_every_option_that_is_named_exists() -> None:

@@ -15,16 +15,14 @@ FORM = re.compile(
 MOST_WORDS = 250
 
 
-def test_every_record_has_the_form_and_a_line_in_the_list() -> None:
-    expected = []
+def test_every_record_has_the_form() -> None:
+    names = [path.name for path in FOLDER.glob("0*.md")]
+    assert len(names) > 40
     for path in sorted(FOLDER.glob("[0-9]*.md")):
         text = path.read_text(encoding="utf-8")
         record = FORM.fullmatch(text)
         assert record and path.name.startswith(record["number"]), path.name
         assert len(text.split()) <= MOST_WORDS, path.name
-        expected.append(f"- {record['number']} [{record['title']}]({path.name})")
-    index = (FOLDER / "README.md").read_text(encoding="utf-8")
-    assert [line for line in index.splitlines() if line.startswith("- ")] == expected
 
 
 def test_every_number_that_is_named_has_a_record() -> None:

@@ -5,9 +5,6 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import typer.main
-
-from boat_daq.cli import app
 from tests.docs.pages import ROOT, markdown
 
 LINK = re.compile(r"\]\((?P<target>[^)\s]+)\)")
@@ -52,12 +49,3 @@ def test_no_line_is_hidden_as_a_comment() -> None:
     """MyST takes a line that begins with a percent sign for a comment and leaves it out of the site."""
     hidden = [str(page) for page in markdown() if re.search(r"^%", (ROOT / page).read_text("utf-8"), re.MULTILINE)]
     assert not hidden
-
-
-def test_every_command_is_in_the_readme() -> None:
-    commands = getattr(typer.main.get_command(app), "commands").values()  # noqa: B009 - typer's own kind of group
-    table = re.findall(
-        r"^\| (`.+?) \|", (ROOT / "README.md").read_text(encoding="utf-8").replace("\\|", "/"), re.MULTILINE
-    )
-    named = set(re.findall(r"[a-z]+", " ".join(table)))
-    assert {command.name for command in commands} <= named

@@ -164,13 +164,13 @@ class Scenario:
         self.click(self.window.navigation.buttons[Page.RESULTS])
         self.click("Analyse the last run")
         self.until(
-            lambda: model.calibration.result is not None or model.calibration.failure is not None, "the analysis", 90
+            lambda: model.calibration.result is not None or model.calibration.failure is not None, "the analysis", 300
         )
         self.note("analysed")
         page = self.window.pages[Tab.CALIBRATION]
         QTest.qWait(300)
         if sampled:
-            self.click(page.sample)
+            page.sample.trigger()
             self.until(lambda: bool(model.calibration.posterior), "the posterior", 90)
             self.note("sampled")
             QTest.qWait(300)

@@ -49,3 +49,21 @@ def test_without_a_cache_each_call_compiles(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(compile_all, "COMPILE_STEPS", {"rays": lambda: None})
     assert compile_all.compile_all()
     assert not compile_all.is_complete()
+
+
+def test_sizes_name_what_needs_each_library() -> None:
+    """Of this installation: every requirement once, the window's the largest, and the sums by use."""
+    found = json.loads(CliRunner().invoke(app, ["setup", "sizes", "--json"]).stdout)
+    uses = {row["library"]: row["use"] for row in found["libraries"]}
+    assert {"numpy": "calibration", "pyside6-essentials": "window", "typst": "PDF"}.items() <= uses.items()
+    assert len(uses) == len(found["libraries"]) > 20
+    assert sum(found["uses"].values()) == sum(row["bytes"] for row in found["libraries"])
+    assert found["uses"]["window"] > 50e6
+
+
+def test_completion_is_installed_for_the_shell(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A script that calls the program for what is typed."""
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setattr("shellingham.detect_shell", lambda: ("bash", "/bin/bash"))
+    found = json.loads(CliRunner().invoke(app, ["setup", "completion", "--json"]).stdout)
+    assert "_BOAT_DAQ_COMPLETE" in Path(found["path"]).read_text(encoding="utf-8")

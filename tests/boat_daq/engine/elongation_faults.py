@@ -23,10 +23,10 @@ SIMULATED. The elongation of SA1 is controlled at 2.5 mm on the virtual board. E
 and is observed for at least 11 s. *Controlled*: the control continues. *Vented*: the control ends and the unit is
 vented. *Refused*: the program does not connect.
 
-`python -m tests.boat_daq.engine.elongation_faults` makes this table; a nightly test compares it.
+`boat-daq board --fault list` describes the faults.
 
-| fault | description | outcome | message | pressure, kPa | final error, mm |
-|--|--|--|--|--:|--:|
+| fault | outcome | message | pressure, kPa | final error, mm |
+|--|--|--|--:|--:|
 """
 
 
@@ -64,12 +64,11 @@ def outcome(fault: str) -> Outcome:
 def main() -> None:
     """Print the page."""
     print(HEAD, end="")
-    for fault, row in FAULTS.items():
+    for fault in FAULTS:
         found = outcome(fault)
         error = f"{found.error_mm:+.2f}" if found.ending == "controlled" else ""
         pressure = f"{found.low_kpa:.1f} to {found.high_kpa:.1f}" if found.ending != "refused" else ""
-        value = f" ({row.value_name}: {row.default:g})" if row.value_name and row.default else ""
-        cells = (f"`{fault}`", row.sentence + value, found.ending, found.cause, pressure, error)
+        cells = (f"`{fault}`", found.ending, found.cause, pressure, error)
         print(f"| {' | '.join(cells)} |", flush=True)
 
 

@@ -42,6 +42,7 @@ class WarningCode(StrEnum):
     FLAT = "flat"
     INFLUENCE = "influence"
     NOT_SETTLED = "not_settled"
+    DRIFT = "drift"
     NO_SPAN = "no_span"
     HYSTERESIS_IS_A_BOUND = "hysteresis_is_a_bound"
     HYSTERESIS_IN_PART = "hysteresis_in_part"

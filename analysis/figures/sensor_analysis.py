@@ -115,8 +115,8 @@ class SensorAnalysis:
     """What is known of one sensor; `calibration_void` says why there is no calibration.
 
     The hysteresis per cycle is in % FSO over elongation (sensor) and over pressure (system), as are the mean loops;
-    `point_plateau` is the plateau of each point, counted from 0; `joint_loop` is None if the loop is read from the
-    points.
+    `drift_mv` is the significant drift over the run; `point_plateau` the plateau of each point, counted from 0;
+    `joint_loop` is None if the loop is read from the points.
     """
 
     name: str
@@ -132,6 +132,7 @@ class SensorAnalysis:
     by_cycle: FiguresByCycle
     checks: Mapping[str, Any] | None
     settling: Settling
+    drift_mv: float
     joint_loop: JointFit | None = None
     influences: tuple[ChannelInfluence, ...] = ()
 
@@ -316,7 +317,7 @@ def analyse_sensor(run: SegmentedRun, sensor: int, *, progress: Progress | None 
         points.astype(np.float64), system, own,
         figures_by_cycle(raw.loops, sensor, figures["fso_mv"].value, system, _noise(run, sensor)),
         _checks(calibration, _cycle_of(run, points)) if calibration is not None else None,
-        settling,
+        settling, trend.slope * float(raw.recording.duration_s),
         _joint_loop(calibration.adequacy) if calibration is not None else None,
         influences(
             raw.recording, raw.cycles, raw.plateaus, raw.loops, sensor, fso_mv=fso,

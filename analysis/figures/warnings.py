@@ -177,6 +177,12 @@ def _sensor_warnings(sensor: SensorAnalysis, run: SegmentedRun) -> list[Warning]
         *_signal_texts(run, run.recording.sensor_names.index(sensor.name)),
         *_figure_texts(sensor),
     ]
+    fso = sensor.figures["fso_mv"].value
+    if fso > 0 and abs(sensor.drift_mv) > NOTICED_PERCENT / 100.0 * fso:
+        share = percent(abs(sensor.drift_mv) / fso, 2)
+        found.append(
+            (WarningCode.DRIFT, f"the signal drifts by {share} of the full scale: U is for readings of this run")
+        )
     if text := _settling_text(sensor):
         found.append((WarningCode.NOT_SETTLED, text))
     found += [(WarningCode.INFLUENCE, influence_text(each)) for each in sensor.influences if each.matters]

@@ -16,6 +16,7 @@ from analysis.figures.figure import Reason
 from analysis.numbers import finite
 from analysis.segmentation.loops import Loops
 from analysis.segmentation.serial_correlation import Dependence
+from analysis.warning import WarningCode
 from tests.analysis.boat_builder import PAPER, Plant, Staircase, triangle
 
 SYSTEM = "system_hysteresis_percent_fso"
@@ -42,7 +43,9 @@ def test_a_drift_is_no_loop(tmp_path: Path, total_mv: float) -> None:
     stairs = Staircase(Plant(loop_mm=0.25, seed=3))
     run = stairs.recording()
     stairs.elongations().to_csv(tmp_path / "e.csv", index=False)
-    sensor = analyse(drifting(run, total_mv / run.time_s[-1]), tmp_path / "e.csv", options=QUICK).sensors[0]
+    analysis = analyse(drifting(run, total_mv / run.time_s[-1]), tmp_path / "e.csv", options=QUICK)
+    sensor = analysis.sensors[0]
+    assert any(w.code is WarningCode.DRIFT and w.subject == "s1" for w in analysis.warnings) == (total_mv != 0.0)
     found, per_cycles = sensor.figures[SYSTEM], sensor.figures["drift_percent_fso_per_100_cycles"]
     assert found.low <= system_truth(stairs.plant) <= found.high
     assert found.high - found.low < 0.5

@@ -78,8 +78,9 @@ def conformity_statement(
         return ConformityStatement(Conformity.UNDETERMINED, math.nan, math.nan)
     inside = [side for side in (value - limits[0], limits[1] - value) if math.isfinite(side)]  # negative beyond it
     facing = [expanded[int(limit > value)] for limit in limits if math.isfinite(limit)]
-    if not all(math.isfinite(half) for half in facing):
-        within = Conformity.CONDITIONAL_PASS if min(inside) >= 0 else Conformity.CONDITIONAL_FAIL
+    if math.isinf(value) or not all(math.isfinite(half) for half in facing):
+        kept = limits[0] <= value <= limits[1]
+        within = Conformity.CONDITIONAL_PASS if kept else Conformity.CONDITIONAL_FAIL
         return ConformityStatement(within, math.nan, math.nan)
     coverage = float(stats.t.ppf(_ONE_SIDED, dof)) if math.isfinite(dof) else float(stats.norm.ppf(_ONE_SIDED))
     beyond = sum(_beyond(side, half / coverage, dof) for side, half in zip(inside, facing, strict=True))

@@ -65,19 +65,22 @@ def calibration(
     from analysis.calibration.curve_choice import degree_of
     from analysis.calibration_export.calibration_file import CalibrationFile
     from analysis.calibration_export.forms import calibration_text, write_calibration
+    from analysis.calibration_export.verdict import verdict_of
     from boat_daq.workflows.calibration_in_force import stated_contributions
 
     with progress_bar("Analysing") as advance:
         recording = load_recording(run)
         stated = stated_contributions(recording)
         options = Options(degree_of(degree), mcmc=False, leave_out=leave_out, type_b=stated)
-        found = CalibrationFile.of_run(analyse(recording, elongation, options=options, progress=advance))
+        analysis = analyse(recording, elongation, options=options, progress=advance)
+        found = CalibrationFile.of_run(analysis)
     form = "c" if format == "h" else format
     if to is None:
         text = calibration_text(found, form, table_error)
     else:
         write_calibration(found, to, form, table_error)
-    for remark in found.remarks:
+    check = verdict_of(analysis).check_text
+    for remark in (*([f"not to be used yet: {check}"] if check else []), *found.remarks):
         notify(f"note: {remark}")
     if to is None:
         typer.echo(text, nl=False)

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from analysis import Analysis, BoatDaqError, Options, analyse
-from analysis.figures.acceptance import judge
+from analysis.calibration_export.verdict import verdict_of
+from analysis.figures.acceptance import conformity_json, judge
 from analysis.reports.build import build_report, write_report
 from analysis.reports.document import ReportTable, Section
 from analysis.reports.unit_report import WRITERS
@@ -125,3 +126,22 @@ def test_cancelled_report_leaves_no_file(calibration: Analysis, tmp_path: Path, 
     with pytest.raises(KeyboardInterrupt):
         WRITERS[f".{ending}"](report, tmp_path / f"r.{ending}", cancel)
     assert not list(tmp_path.iterdir())
+
+
+def test_report_without_limits_states_the_published_ones(calibration: Analysis, repeatability: Analysis) -> None:
+    """One statement of each limit: report, verdict, `conformity` of the JSON and the window's table agree."""
+    report, verdict = build_report([calibration]), verdict_of(calibration)
+    (table,) = (
+        part
+        for section in report.sections
+        for part in section.parts
+        if isinstance(part, ReportTable) and part.header[0] == "Limit"
+    )
+    assert table.caption.startswith("Published limits; none were set.")
+    shown = [(row[1], row[-1]) for row in table.rows]
+    assert shown == [(one.sensor, one.conformity.label) for one in verdict.limits]
+    stated = [one["conformity"] for one in conformity_json(calibration, {}) if one["figure"] != "r2"]
+    assert stated == [str(one.conformity) for one in verdict.limits]
+    assert verdict.headline in report.verdict
+    uncalibrated = build_report([repeatability]).verdict
+    assert "published limits" in uncalibrated or "limit 5 % FSO" in uncalibrated

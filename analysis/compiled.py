@@ -118,22 +118,18 @@ def compiled_reassociating(function: Function) -> Function:
     return _cached(function, fastmath={"contract", "reassoc"})
 
 
-def compiled_fusing(function: Function) -> Function:
-    """As `compiled`; a product and the sum it goes into are rounded once, which is quicker and no less accurate."""
-    return _cached(function, fastmath={"contract"})
-
-
 def inside(function: Function, **options: Any) -> Function:
     """As `compiled`, for what compiled functions alone call: without an entry from Python, which takes long to compile.
 
     Its machine code is kept in that of its callers. To call it from Python would end the process.
     """
-    jit = numba.njit(nogil=True, error_model="numpy", no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)
+    without_entry: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    jit: Any = numba.njit(nogil=True, error_model="numpy", **without_entry, **options)
     return cast(Function, jit(function))
 
 
 def inside_fusing(function: Function) -> Function:
-    """As `inside` and `compiled_fusing`."""
+    """As `inside`; a product and the sum it goes into are rounded once, which is quicker and no less accurate."""
     return inside(function, fastmath={"contract"})
 
 
@@ -143,7 +139,7 @@ def inner(function: Function, **options: Any) -> Function:
 
 
 def inner_fusing(function: Function) -> Function:
-    """As `inner` and `compiled_fusing`."""
+    """As `inner` and `inside_fusing`."""
     return inner(function, fastmath={"contract"})
 
 

@@ -100,7 +100,7 @@ def verify_import(run: Path) -> Verification:
     from analysis.data.boat_writer import first_difference
     from boat_daq.engine.recording.summary import summarise
     from boat_daq.engine.recording.verify import Verification
-    from boat_daq.workflows.text_capture import import_capture
+    from boat_daq.workflows.run_files import import_capture
 
     begun = time.perf_counter()
     difference = first_difference(run, import_capture)

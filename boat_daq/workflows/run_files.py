@@ -1,7 +1,8 @@
-"""Files made from recordings: samples, calibrations, reports; and recordings made from tables. For helper processes."""
+"""Files made from recordings: samples, calibrations, reports; and recordings made from tables and captured text."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,12 +12,19 @@ from analysis.fidelity import Level
 from analysis.progress import Progress, part_of
 from boat_daq.workflows.calibration_in_force import chosen_curve, exported_elongation, stated_contributions
 from boat_daq.workflows.run_analysis import analysed_run
+from protocol.base.errors import FileError
+from protocol.base.regular_file import read_regular
 from protocol.base.units import STORED_UNITS, ShownUnits
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from analysis.data.recording import Recording
+    from protocol.text.profile import TextProfile
 
 WRITING = 2  # duration of setting a report, in analyses of a run
+CAPTURE_MAX_BYTES = 1 << 30
+_MONITOR_STAMP = re.compile(rb"^\[?\d{1,2}:\d{2}:\d{2}[.:]\d{3}\]?\s*(?:->|>|:)?\s+", re.MULTILINE)
 
 
 def export_run(path: Path, target: Path, *, progress: Progress | None = None) -> str:
@@ -86,7 +94,6 @@ def import_files(
     from analysis.data.boat_writer import write_boat_file
     from analysis.data.csv_import import import_csv, import_two
     from analysis.tracking.second_file import place_second
-    from boat_daq.workflows.text_capture import import_capture
 
     if text_profile is not None:
         recording = import_capture(paths[0], text_profile)
@@ -126,3 +133,56 @@ def report_runs(
     ]
     setting = part_of(progress, len(paths), WRITING, parts)
     return write_report(analyses, target, units=units, progress=setting).verdict
+
+
+def import_capture(path: Path, profile: str | Path) -> Recording:
+    """Import captured text by a text profile: a file, or its TOML. FileError: no line is as the profile says.
+
+    A last line without an end, and lines that are not as the profile says, are left out and named; the stamps of a
+    serial monitor before the lines are ignored.
+    """
+    import numpy as np
+
+    from protocol.link.events import Samples
+    from protocol.text.connection import TextConnection
+    from protocol.text.profile import load_profile
+
+    described = load_profile(profile)
+    try:
+        text = _MONITOR_STAMP.sub(b"", read_regular(path, CAPTURE_MAX_BYTES))
+    except OSError as error:
+        raise FileError(f"{path} cannot be read: {error.strerror or error}", "Check name and permissions.") from error
+    link = TextConnection(described)
+    events = link.receive(b"\n" + text, 0)  # nothing is torn before the first line
+    blocks = [event.array for event in events if isinstance(event, Samples)]
+    if not blocks:
+        raise FileError(f"no line of {path.name} is as the text profile says", "Propose the profile of this file.")
+    samples = np.concatenate(blocks)
+    notes = []
+    if link.statistics.malformed:
+        notes.append(f"{link.statistics.malformed} lines are not as the text profile says: left out")
+    if not text.endswith((b"\n", b"\r")):
+        notes.append("the last line has no end: left out")
+    return _recording(path, described, samples, notes)
+
+
+def _recording(path: Path, profile: TextProfile, samples: np.ndarray, notes: list[str]) -> Recording:
+    from analysis.data.recording import Recording
+
+    meta = {
+        "imported_from": path.name, "import_map": {}, "import_text_profile": profile.toml, "import_notes": notes,
+        "simulated": profile.simulated, "polarity": profile.polarity,
+        **({"channels": [list(channel) for channel in profile.channels]} if profile.channels else {}),
+    }  # fmt: skip
+    counts = "lit" in (samples.dtype.names or ())
+    parts = {}
+    if counts:
+        meta |= {"vref_mv": profile.vref_mv, "adc_bits": profile.adc_bits}
+        parts = {"lit": samples["lit"], "dark": samples["dark"]}
+        signal = (samples["lit"].astype(float) - samples["dark"]) * profile.vref_mv / 2.0**profile.adc_bits
+    else:
+        signal = samples["signal_mv"]
+    return Recording.from_arrays(
+        (samples["time_us"] - samples["time_us"][0]) / 1e6, samples["pressure_pa"] / 1000.0, signal, **parts,
+        flags=samples["flags"], channel=samples["channel"] if profile.channels else None, meta=meta, source=str(path),
+    )  # fmt: skip

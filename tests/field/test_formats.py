@@ -12,7 +12,7 @@ import pytest
 from analysis.data.boat_writer import first_difference, write_boat_file
 from analysis.data.csv_import import import_csv, preview
 from analysis.data.export import export
-from boat_daq.workflows.text_capture import import_capture
+from boat_daq.workflows.run_files import import_capture
 from protocol.base.errors import BoatDaqError
 from protocol.text.proposal import propose
 from tests.field.truth import Run, are_the_truth, is_the_truth, put

@@ -44,7 +44,7 @@ NO_REGULATOR = (
     "the elongation of this unit cannot be controlled: it has no accepted calibration, or is not identified",
     "accept a calibration of this unit, and identify its hysteresis from that run",
 )
-BUSY = "close other programs on this computer"
+_BUSY = "close other programs on this computer"
 ALLOW_PRIORITY = "let its administrator allow this user a higher priority (nice -10)"
 _EARLIER_FAULT = (
     "the board had vented and latched a fault before it was connected: its host may have failed under pressure"
@@ -152,7 +152,7 @@ class Controller:
             self._silence(f"no data for {self.stream.silence_s:g} s", "check the cable; the board vents by itself")
         elif now_ns - heard_ns > UNREAD_S * 1e9 and self.stream.falls_silent(now_ns):
             cause = f"this computer was too busy to read the port for {UNREAD_S:g} s"
-            self._silence(cause, BUSY if self.stream.urgent else f"{BUSY}, or {ALLOW_PRIORITY}")
+            self._silence(cause, _BUSY if self.stream.urgent else f"{_BUSY}, or {ALLOW_PRIORITY}")
         if self.loop is not None and self.stream.begun:
             found = self.loop.late(now_ns, self.stream.age_s(now_ns))
             if found is not None:

@@ -52,7 +52,7 @@ BUTTONS = {  # key -> text, explanation
 }
 PRIMARY = ("arm", "start", "resume", "clear")
 FIELD_WIDTH = 60
-OF_CYCLES = ("high_kpa", "low_kpa", "step_kpa", "ramp_kpa_per_s", "max_dwell_s", "settling_s")  # not of segments
+_OF_CYCLES = ("high_kpa", "low_kpa", "step_kpa", "ramp_kpa_per_s", "max_dwell_s", "settling_s")  # not of segments
 END_AT = {  # label and explanation of the uncertainty at which a run ends, by its unit
     "mm": (
         "Stop at U \u2264",
@@ -418,7 +418,7 @@ class PlanForm(QScrollArea):
         for key, field in self.fields.items():
             if key not in model.refused:
                 widgets.set_text(field, model.value(key))
-        unused = {"staircase": (), "continuous": ("step_kpa",)}.get(model.plan.kind, OF_CYCLES)
+        unused = {"staircase": (), "continuous": ("step_kpa",)}.get(model.plan.kind, _OF_CYCLES)
         for key, cells in self.rows.items():
             for cell in cells:
                 cell.setVisible(key not in unused)

@@ -22,7 +22,7 @@ from protocol.base.errors import cause_and_remedy
 
 Offer = tuple[str, Callable[[], None]]
 """Label and function of a button."""
-INFORMATION_S, SAVED_S, REFUSED_S = 6.0, 30.0, 60.0
+INFORMATION_S, SAVED_S, _REFUSED_S = 6.0, 30.0, 60.0
 NEW_S = 6.0  # so long a notice is shown before older, more severe ones
 _KEPT = 200
 
@@ -64,7 +64,7 @@ class Notice:
     def shown_s(self) -> float:
         """Return how long it is shown: a saved file longer, so that it can be opened."""
         if self.refusal:
-            return REFUSED_S
+            return _REFUSED_S
         return math.inf if self.stays else SAVED_S if self.saved is not None else INFORMATION_S
 
     @property

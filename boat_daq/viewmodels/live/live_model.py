@@ -34,7 +34,7 @@ Columns = Mapping[str, FloatArray]
 WINDOWS_S = (10.0, 30.0, 60.0, 120.0, 300.0, 900.0, 3600.0, math.inf)
 HEADLINE_S = 0.2  # a value is the mean over this time, so that it is legible
 HOLE_S = 1.0  # without a sample: a disconnected board, not a lost frame
-MANY = 128  # samples
+_QUICK_SAMPLES = 128  # samples
 PIXELS_A_FRAME = 0.6  # a smaller motion need not be drawn
 FASTEST_MS, _CALM_MS, REST_MS = 16, 40, 250
 FRAMES_SHARE = 0.2  # of a core, that frames may take: where each costs more, fewer are drawn
@@ -301,8 +301,8 @@ class LiveModel:
     @staticmethod
     def _since(ring: RingBuffer, since_s: float, column_s: float) -> Columns:
         """Return the samples from an instant on; of many the extremes of each column of pixels."""
-        few = ring.newest_s - since_s < MANY * ring.step_s
-        return ring.view(since_s) if few else ring.draw(since_s, max_points=4 * MANY, column_s=column_s)
+        few = ring.newest_s - since_s < _QUICK_SAMPLES * ring.step_s
+        return ring.view(since_s) if few else ring.draw(since_s, max_points=4 * _QUICK_SAMPLES, column_s=column_s)
 
     def _shown_s(self, width: int) -> tuple[float, float]:
         """Return the horizontal range on `width` pixels: while it moves it ends with a whole column."""

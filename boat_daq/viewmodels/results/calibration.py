@@ -61,7 +61,7 @@ from protocol.recording.elongation_file import read_elongation_rows
 ACCEPT, ANYWAY = "Accept", "Accept anyway"
 Action = Callable[[], None]
 EXPORTED_TABLE_ERRORS = tuple(TypedTolerance(mm, "mm") for mm in (0.01, 0.001, 0.0001))
-BUSY = (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
+_UNDER_WAY = (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
 CURVE_CHOICES = (
     *((f"Degree {name}", name) for name in CURVES if name != SPLINE),
     ("Monotone spline", SPLINE),
@@ -115,7 +115,7 @@ class CalibrationModel:
     def analyse_current(self) -> None:
         """Close the open recording and analyse it; without one, the last again, or the newest of this kind of board."""
         snapshot = self.session.snapshot()
-        if snapshot.state in BUSY:
+        if snapshot.state in _UNDER_WAY:
             raise RequestError("a run is in progress", "Wait for its end, or stop it: complete cycles are analysed.")
         path = self.last_path
         if snapshot.recording is not None:

@@ -50,7 +50,7 @@ class ConnectPanel(QDialog):
         self.setLayout(widgets.column(self._board(), self._virtual(), spacing=style.CARD_PADDING))
 
     def _board(self) -> QWidget:
-        identity = "Boards used before are found by themselves. Select the port of a new one: no other port is opened."
+        identity = "Known boards are found automatically. Choose the port of a new one."
         self.none = widgets.label("\u25b2 No port found. Plug in the board, then rescan.", "muted", wrap=True)
         self.connect_button = widgets.button("Connect", self.connect_board, "primary")
         self.disconnect_button = widgets.button("Disconnect", self.disconnect_board)

@@ -291,14 +291,13 @@ class Strip(QWidget):
         self._show(None)
 
     def _lay_out(self) -> None:
-        """Place the buttons: what comes and goes leaves its place free, so that no other button moves."""
-        for widget in (self.close_, self.bar, self.cancel):
-            policy = widget.sizePolicy()
-            policy.setRetainSizeWhenHidden(True)
-            widget.setSizePolicy(policy)
+        """Place the task at the left and the buttons of a message at the right, so that none moves another."""
+        policy = self.close_.sizePolicy()
+        policy.setRetainSizeWhenHidden(True)
+        self.close_.setSizePolicy(policy)
         line = widgets.row(
-            self.mark, (self.text, 1), self.work, self.behind, self.more, self.copy, self.folder, self.open_file,
-            self.act, self.close_, self.messages, self.bar, self.cancel,
+            self.cancel, self.bar, self.work, self.mark, (self.text, 1), self.behind, self.more, self.copy,
+            self.folder, self.open_file, self.act, self.close_, self.messages,
             margins=(style.PAGE_MARGIN, 0, style.PAGE_MARGIN, 0),
         )  # fmt: skip
         self.head = QWidget()

@@ -25,8 +25,8 @@ from boat_daq.viewmodels.live.unit_in_use import UnitInUse
 from boat_daq.viewmodels.settings_model import CALIBRATION_CHANGED, PROGRAM, SettingsModel, StoredValues, note, refusal
 from protocol.base.errors import RequestError
 
-_EXPLANATION = "A value is stored when you leave its field. Undo: Ctrl+Z."
-_LIMITS = "A plan outside these limits is refused, on virtual boards, too."
+_EXPLANATION = "Stored when you leave a field. Point at a value for its meaning and range."
+_LIMITS = "Plans outside these limits are refused."
 NO_CHANGE = "None yet"
 _EMPTY = "empty"
 _TABLES = {"type_b": "Type B", "metadata": "Metadata"}
@@ -42,7 +42,6 @@ class ValueRow:
         self.about, self._store = about, store
         self._text: str | None = None  # as stored
         self.label = widgets.label(about.label)
-        self.meaning = widgets.label(f"{about.meaning}. {note(about)}".strip(), "small", wrap=True)
         self.refused = widgets.label("", "small", wrap=True, name=f"Why {about.label} is refused")
         widgets.set_state(self.refused, "fault")
         self.refused.hide()
@@ -58,6 +57,8 @@ class ValueRow:
             self.field = widgets.field(about.label)
             self.field.editingFinished.connect(self._enter)
         self.field.setAccessibleDescription(about.meaning)
+        for part in (self.label, self.field):
+            part.setToolTip(widgets.as_words(f"{about.meaning}. {note(about)}".strip()))
 
     def text(self) -> str:
         """Return what the field has."""
@@ -110,10 +111,9 @@ class ValueForm(QWidget):
         grid.setColumnStretch(1, 1)
         for i, row in enumerate(self.rows.values()):
             for column, part in enumerate((row.label, row.field, widgets.label(row.about.unit, "muted"), row.reset)):
-                grid.addWidget(part, 4 * i, column)
-            grid.addWidget(row.refused, 4 * i + 1, 1, 1, 3)
-            grid.addWidget(row.meaning, 4 * i + 2, 1, 1, 3)
-            grid.setRowMinimumHeight(4 * i + 3, style.GAP)
+                grid.addWidget(part, 3 * i, column)
+            grid.addWidget(row.refused, 3 * i + 1, 1, 1, 3)
+            grid.setRowMinimumHeight(3 * i + 2, style.GAP)
         self.setLayout(grid)
 
     def show_texts(self, texts: Mapping[str, str], subject: str) -> None:

@@ -522,4 +522,4 @@ class Sequencer:
 
 def _plateau_name(mark: StepMark) -> str:
     """Return what an operator calls a plateau, e.g. "+50 kPa, cycle 3"."""
-    return f"{mark.target_kpa:+g} kPa, {f'cycle {mark.cycle}' if mark.cycle else 'opening plateau'}"
+    return f"{mark.target_kpa:+g} kPa, {f'cycle {mark.cycle}' if mark.cycle else 'first plateau'}"

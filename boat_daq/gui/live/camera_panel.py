@@ -15,10 +15,7 @@ from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.camera import CameraModel, CameraView
 
-HELP = (
-    "A camera reads the elongation by itself: print the two marks, glue one to the base and one to the tip, and let "
-    "the camera see both. Each plateau then gets its reading; you can correct it in the table."
-)
+HELP = "A camera that sees two printed marks, on base and tip, reads every plateau. Correct a reading in the table."
 WARNING_LINES = 3  # in the narrowest pane
 MARK_TIP = "Side of the marks' black square; 0 takes the scale from the millimetre grid in the picture"
 SOURCE_TIP = "Number of the camera (0 is the first), or the http:// or rtsp:// address of one on this computer"

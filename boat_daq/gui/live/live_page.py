@@ -263,7 +263,7 @@ class LivePage(QWidget):
         self.follow = widgets.button("Follow", self.model.toggle_freeze, tip="Show the newest data (Space)")
         mark = widgets.label("FROZEN", "subtitle")
         widgets.set_state(mark, "warning")
-        words = widgets.label("The plots show the past. The measurement goes on.", elide=True)
+        words = widgets.label("The plots show the past. Sampling continues.", elide=True)
         frame, inside = widgets.card(widgets.row(mark, (words, 1), self.follow))
         inside.setContentsMargins(style.CARD_PADDING, style.STEP, style.CARD_PADDING, style.STEP)
         widgets.set_state(frame, "warning", "level")

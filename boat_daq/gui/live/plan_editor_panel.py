@@ -24,7 +24,7 @@ from boat_daq.viewmodels.live.sequence import SequenceModel
 from protocol.recording import SEGMENT_KINDS
 
 CELL_WIDTH = 72
-NOT_SEGMENTS = "This plan is a staircase or continuous. Edit it in the tab Plan, or take it as segments."
+NOT_SEGMENTS = "Made in the tab Plan. Convert to segments to edit here."
 LOCKED = "A run has this plan."
 
 
@@ -67,7 +67,7 @@ class PlanEditorPanel(QDialog):
         span = (widgets.label("Repeat segments"), self.loop_entries[0], widgets.label("to"), self.loop_entries[1])
         self.tools = widgets.inside(widgets.row(*adds, None, *span, *times))
         self.new = widgets.button("New plan", self._do(self.model.new))
-        self.convert = widgets.button("Take as segments", self._do(self.model.from_chosen))
+        self.convert = widgets.button("Convert to segments", self._do(self.model.from_chosen))
         self.undo = widgets.button("Undo", self._undo, tip="Ctrl+Z")
         self.redo = widgets.button("Redo", self._redo, tip="Ctrl+Shift+Z")
         save = widgets.button("Save …", self._save)

@@ -49,10 +49,12 @@ class ReadingBar(QFrame):
         self.field.setProperty("role", "reading")
         show = partial(services.show, Panel.PHOTOGRAPH)
         self.photo = widgets.button("Photograph …", show, tip="Read it from a picture of the grid")
-        self.simulated = widgets.button("Read the grid", run.read_grid, tip="The grid of the simulated unit (F2)")
-        self.all = QCheckBox("All")
-        self.all.setToolTip("Read the grid at every plateau")
-        self.all.setAccessibleName("Read the grid at every plateau")
+        self.simulated = widgets.button(
+            "Simulate reading", run.read_grid, tip="Take the elongation of the simulated unit (F2)"
+        )
+        self.all = QCheckBox("At every plateau")
+        self.all.setToolTip("Simulate the reading at every plateau")
+        self.all.setAccessibleName("Simulate the reading at every plateau")
         self.all.clicked.connect(run.toggle_read_all)
         self.skip = widgets.button("Skip", self.run.skip_reading, tip="Continue without a reading")
         self.field.textChanged.connect(self._ask)
@@ -135,6 +137,8 @@ class ReadingBar(QFrame):
         """Stack question and answer in a narrow window, and put all closer; in a low one the edges, too."""
         self._narrow = narrow
         self._show_unit()
+        self.simulated.setText("Simulate" if narrow else "Simulate reading")
+        self.all.setText("All" if narrow else "At every plateau")
         self.answer.setSpacing(style.STEP if narrow else style.GAP)
         self.lines.setSpacing(style.STEP if narrow else style.GAP)
         upright = style.STEP if low else style.GAP
@@ -286,7 +290,7 @@ class ReadingsTable(QWidget):
         self.readings, self.services = readings, services
         self.model = ReadingsTableModel(readings, services.notices)
         self.view = ReadingsView(self.model)
-        empty = "Each plateau of a staircase is listed here. Arm and start a plan to begin."
+        empty = "Each plateau is listed here. Arm and start a plan to begin."
         self.empty = widgets.label(empty, "muted", wrap=True)
         self.empty.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.count = widgets.label("", "small")

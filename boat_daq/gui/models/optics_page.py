@@ -86,7 +86,7 @@ STRIP = (
 )
 FROM_FILE = "file"
 WHAT_COMES = "Press \u201cSweep all designs\u201d to find which of 648 designs is best, and how sure that is."
-RUNNING = "Under pressure: no rays are traced by themselves until the run has ended and the unit is vented."
+RUNNING = "Under pressure: nothing is traced until the run has ended and the unit is vented."
 
 
 def designs(sweep: SweepSummary) -> dict[str, Any]:

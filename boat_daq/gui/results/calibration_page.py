@@ -230,7 +230,7 @@ class CalibrationPage(QWidget):
         empty = EmptyState(
             "No run has been analysed yet",
             "You will see each sensor's points and curve with its bands, the hysteresis loops and the figures with "
-            "their intervals. Run the calibration plan on the page Measure, enter the readings, then analyse the run.",
+            "their intervals. Run the calibration plan on Measure, enter the readings, then analyse the run.",
             "Analyse the last run",
             partial(services.notices.attempt, model.analyse_current),
         )

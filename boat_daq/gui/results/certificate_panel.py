@@ -13,7 +13,7 @@ from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.results.certificates import CertificateModel
 
 _REFRESH_MS = 250
-_MISSING = "Not stated yet; what stays empty is named in the certificate as not stated. It is kept for the next one."
+_MISSING = 'Empty fields print as "not stated". Entries are remembered.'
 COMPLETE = "Everything that the certificate states is known."
 MAKING = "The pages are being made \u2026"
 PAGE_SCALE = 0.85  # of the screen's height that the panel takes at most

@@ -30,13 +30,11 @@ class ClosedReadings(QDialog):
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.resize(style.FORM_WIDTH, style.WINDOW_MINIMUM[1])
         self.table = ReadingsTable(ReadingsModel.of_closed(path, services.undo), services)
-        self.table.empty.setText("This recording has no plateaus: it was made without a plan of steps.")
+        self.table.empty.setText("This recording has no plateaus: its plan has no steps.")
         self.calibrate = widgets.button("Calibrate", self._calibrate, tip="Analyse it with these readings")
         layout = QVBoxLayout(self)
         layout.addWidget(
-            widgets.label(
-                "A correction is added to the recording; the reading before it stays. Undo: Ctrl+Z.", "muted", wrap=True
-            )
+            widgets.label("Corrections are added to the recording; earlier readings stay in it.", "muted", wrap=True)
         )
         layout.addWidget(self.table, 1)
         layout.addLayout(widgets.row(None, widgets.button("Close", self.close), self.calibrate))

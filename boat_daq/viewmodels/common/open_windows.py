@@ -59,7 +59,7 @@ class OpenWindows:
     def _report(self, answers: list[VentAnswer]) -> None:
         vented = [answer.name for answer in answers if answer.vented]
         if vented:
-            self._notices.add(Severity.INFORMATION, f"vented with this one: {', '.join(vented)}")
+            self._notices.add(Severity.INFORMATION, f"also vented: {', '.join(vented)}")
         for answer in (answer for answer in answers if not answer.vented):
             remedy = "Vent in that window, or open its valve manually. Without its program a board vents by itself."
             self._notices.add(Severity.FAULT, f"the session {answer.name} did not confirm the vent", remedy)

@@ -117,9 +117,7 @@ class ResumeRun:
         elif self._offer is None:
             done = f"after {count(complete, 'whole cycle')}" if complete else "before its first cycle was complete"
             cause = f"the run was interrupted {done}"
-            remedy = (
-                f"Resume at cycle {first} in the same recording, where the break is marked, or start over in a new one."
-            )
+            remedy = f"Resume at cycle {first} in the same recording, or start over in a new one."
             offer = ("Resume", self.arm)
             self._offer = self._services.notices.add(Severity.INFORMATION, cause, remedy, action=offer)
 

@@ -73,7 +73,7 @@ PHASE_WORDS = {
     Phase.RAMPING: "ramping", Phase.SETTLING: "settling", Phase.DWELLING: "holding", Phase.VENTING: "venting",
     Phase.WAITING_FOR_READING: "waiting for the reading", Phase.ASSESSING: "holding, computing U",
 }  # fmt: skip
-BRANCH_WORDS = {"start": "opening", "unloading": "unloading", "loading": "loading", "end": "end"}
+BRANCH_WORDS = {"start": "first plateau", "unloading": "unloading", "loading": "loading", "end": "end"}
 
 
 @lru_cache(maxsize=4)

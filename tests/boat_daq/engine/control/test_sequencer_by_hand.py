@@ -293,7 +293,7 @@ def test_plateau_that_drifts_is_reported_by_its_name() -> None:
     sequencer.feed(samples(ramp_and_hold(50.0, 6.0), 1_010_000, drift_mv_per_s=5.0))
     (event,) = messages(sequencer.take())
     assert event == ControlEvent(
-        MessageKind.NOT_STEADY, "the plateau at +50 kPa, opening plateau was not steady after 4 s", "warning",
+        MessageKind.NOT_STEADY, "the plateau at +50 kPa, first plateau was not steady after 4 s", "warning",
         "its drift is recorded with the step",
     )  # fmt: skip
     sequencer.commanded()

@@ -24,4 +24,4 @@ def test_samples_that_wait_for_the_disk_are_warned_of_once():
         warned.append(len(journal.messages))
     assert warned == [0, 0, 1, 1, 1, 1, 1, 2]
     assert [(m.kind, m.level) for m in journal.messages] == [(MessageKind.STORAGE, "warning")] * 2
-    assert "the last 0.5 s are not yet on the disk" in journal.messages[0].cause
+    assert "the last 0.5 s are not saved yet" in journal.messages[0].cause

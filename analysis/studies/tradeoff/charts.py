@@ -86,7 +86,7 @@ def overview_chart(results: Sequence[Measured], where: str) -> Figure:
     names += [
         "",
         f"rings: the paper's {_PAPER}, as",
-        "optics sweep without --fidelity",
+        "optics sweep takes by default",
         f"below {lowest:.0e}: drawn there",
     ]
     axes.text(1.02, 1.0, "\n".join(names), transform=axes.transAxes, fontsize=8, va="top", linespacing=1.5)

@@ -18,6 +18,9 @@ TERMINAL_ONLY = {  # modules whose errors and texts the window never shows
     "analysis/data/load.py": "options for a CSV",
     "analysis/data/export.py": "a format by name",
     "analysis/shadow/model/states.py": "head of a file",
+    "analysis/optics/sweep/report.py": "the text that the command prints",
+    "protocol/base/optional.py": "an extra is installed in a terminal, wherever it is missed",
+    "boat_daq/engine/screen.py": "shown where no window opens",
     "boat_daq/engine/qualification/drill_rig.py": "arguments of a process",
     "boat_daq/engine/simulator/server.py": "the command board",
 }

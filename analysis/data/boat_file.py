@@ -70,6 +70,11 @@ def read_boat_file(path: str | Path) -> Recording:
         readings = pd.read_sql_query(f"SELECT {', '.join(READING_COLUMNS)} FROM reading ORDER BY id", db)  # noqa: S608
         failures = _crc_failures(db, clock)
         camera = _camera(schema.optional_rows(path, db, "camera"), clock.time_s, samples["host_ns"], segment)
+        marks = db.execute(
+            "SELECT segment, time_us, text FROM event WHERE kind = ? AND source = 'user' AND time_us IS NOT NULL",
+            (schema.MARK_EVENT,),
+        ).fetchall()
+        meta["markers"] = sorted((clock.seconds(int(part or 0), at_us), text) for part, at_us, text in marks)
         if video := schema.optional_rows(path, db, "video"):
             camera, meta["camera"] = _video(video), meta.get("video") or {}
     if failures:

@@ -20,9 +20,13 @@ def metadata(
     save_template: Annotated[
         str, typer.Option("--save-template", metavar="NAME", help="Store the metadata as a template.")
     ] = "",
+    marker: Annotated[
+        tuple[float, str] | None,
+        typer.Option("--add-marker", metavar="SECONDS TEXT", help="Add a marker at a time from the first sample."),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Show the metadata of a recording, or state them; the unit's next recording states them, too.
+    """Show the metadata and markers of a recording, or state them; the unit's next recording states them, too.
 
     Keys: operator, customer, item, serial_number, note, ambient_temperature_c, ambient_humidity_percent; any other key
     names a field of your own. What was stated before stays in the file. While a recording is in progress, only the
@@ -34,6 +38,7 @@ def metadata(
     from boat_daq.engine.recording.metadata_entry import save_template as store
     from boat_daq.engine.recording.summary import summarise
     from boat_daq.engine.settings import UnitLibrary
+    from boat_daq.workflows.run_files import add_marker, markers_of
 
     stated = read_metadata(run)
     if values or template:
@@ -43,11 +48,16 @@ def metadata(
         remember(UnitLibrary(simulated=summary.simulated), summary.unit or "", stated)
     if save_template:
         notify(f"wrote {store(save_template, stated)}")
+    if marker is not None:
+        add_marker(run, *marker)
+    marks = markers_of(run)
     if as_json:
-        emit_json(stated.as_json())
+        emit_json({**stated.as_json(), "markers": [{"time_s": time_s, "text": text} for time_s, text in marks]})
         return
     for label, text in stated.lines() or (("metadata", "none stated"),):
         show(f"{label.lower():<20} " + "".join(c if c.isprintable() else " " for c in text))
+    for time_s, text in marks:
+        show(f"marker at {time_s:>8.2f} s " + "".join(c if c.isprintable() else " " for c in text))
 
 
 def with_stated(stated: Metadata, values: list[str] | None, template: str) -> Metadata:

@@ -106,6 +106,33 @@ def import_files(
     return recording
 
 
+def add_marker(path: Path, time_s: float, text: str) -> None:
+    """Add a marker with a note to a closed recording, at a time from its first sample."""
+    import numpy as np
+
+    from analysis.data.boat_file import read_boat_file
+    from boat_daq.engine.recording.rename import add_mark
+    from protocol.base.errors import RequestError
+
+    recording = read_boat_file(path)
+    if not text.strip():
+        raise RequestError("the marker has no text", "Say what happened.")
+    if not 0.0 <= time_s <= recording.duration_s:
+        cause = f"{time_s:g} s is outside the recording of {recording.duration_s:.2f} s"
+        raise RequestError(cause, "Give the time from its first sample, s.")
+    row = max(0, int(np.searchsorted(recording.time_s, time_s, side="right")) - 1)
+    segment = int(recording.segment[row])
+    first = int(np.argmax(recording.segment == segment))
+    add_mark(path, segment, time_s - float(recording.time_s[first]), text.strip())
+
+
+def markers_of(path: Path) -> list[tuple[float, str]]:
+    """Return the markers of a recording: time from its first sample, s, and note."""
+    from analysis.data.boat_file import read_boat_file
+
+    return list(read_boat_file(path).meta["markers"])
+
+
 def import_table(
     path: Path, target: Path, columns: Mapping[str, str], rate_hz: float | None, separator: str | None
 ) -> list[str]:

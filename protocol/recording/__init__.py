@@ -8,6 +8,7 @@ from protocol.recording.schema import (
     APPLICATION_ID,
     BRANCHES,
     CAMERA_TABLE,
+    MARK_EVENT,
     NOT_FOR_FIGURES,
     NOTE_EVENT,
     SCHEMA_VERSION,

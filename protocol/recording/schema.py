@@ -33,6 +33,7 @@ APPLICATION_ID = 0x424F4154  # "BOAT": SQLite's `application_id`, by which `file
 SCHEMA_VERSION = 2  # SQLite's `user_version`
 SCHEMA_BREAK = 100  # a version from here on is no longer additive: this program cannot read it
 SUFFIX = ".boat"
+MARK_EVENT = "mark"  # of a note at a time, by the user, during a run or afterwards
 NOTE_EVENT = "note"  # `event.kind` of a note on the whole recording, by the user; the newest counts
 
 SampleKind = Literal["counts", "signal"]

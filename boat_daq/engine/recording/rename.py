@@ -14,7 +14,7 @@ from boat_daq.engine.recording.file import RecordingFile, check_recording_name, 
 from boat_daq.engine.recording.rows import INSERT_EVENT
 from boat_daq.engine.recording.writer_lock import WriterLock
 from protocol.base.errors import RequestError
-from protocol.recording import NOTE_EVENT, open_recording, read_session
+from protocol.recording import MARK_EVENT, NOTE_EVENT, open_recording, read_session
 
 _BESIDE = (".elongation.csv",)  # what NAME.boat has beside it, after NAME
 NOTE_MOST = 2000  # letters
@@ -53,6 +53,17 @@ def rename(path: Path, name: str) -> Path:
 
 def add_note(path: Path, text: str) -> None:
     """Add a note to a closed recording; the newest one counts, an empty one withdraws it."""
+    _add_event(path, NOTE_EVENT, text)
+
+
+def add_mark(path: Path, segment: int, after_s: float, text: str) -> None:
+    """Add a marker to a closed recording, `after_s` after the first sample of a segment."""
+    with closing(open_recording(path)) as db:
+        (first_us,) = db.execute("SELECT min(first_time_us) FROM block WHERE segment = ?", (segment,)).fetchone()
+    _add_event(path, MARK_EVENT, text, segment, int(first_us) + round(1e6 * after_s))
+
+
+def _add_event(path: Path, kind: str, text: str, segment: int | None = None, time_us: int | None = None) -> None:
     if len(text) > NOTE_MOST:
         raise RequestError(f"the note is longer than {NOTE_MOST} letters", "Shorten it.")
     with closing(open_recording(path)) as db:
@@ -60,6 +71,6 @@ def add_note(path: Path, text: str) -> None:
         last_ns = db.execute("SELECT coalesce(max(host_ns), 0) FROM event").fetchone()[0]
     file = RecordingFile.reopen(path)
     try:
-        file.commit([(INSERT_EVENT, (number, last_ns, None, None, "user", NOTE_EVENT, None, text))])
+        file.commit([(INSERT_EVENT, (number, last_ns, segment, time_us, "user", kind, None, text))])
     finally:
         file.abandon()

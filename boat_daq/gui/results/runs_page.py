@@ -165,6 +165,7 @@ class RunsPage(QWidget):
             None,
             ("rename", "Rename …", self._rename),
             ("note", "Note …", self._note),
+            ("marker", "Marker …", self._marker),
             ("metadata", "Metadata …", self._metadata),
         )
         actions: dict[str, QAction] = {}
@@ -320,6 +321,14 @@ class RunsPage(QWidget):
         add = partial(self.model.note, run)
         TextDialog(self, "Note", words, run.note, "Save", lambda text: attempt(partial(add, text)))
 
+    def _marker(self) -> None:
+        run = self.selected()[0]
+        words = (
+            f"Marker in {run.path.name}: seconds from its first sample, then what happened, such as 12.5 valve opened."
+        )
+        attempt = self.services.notices.attempt
+        TextDialog(self, "Marker", words, "", "Add", lambda text: attempt(partial(self.model.mark, run, text)))
+
     def _metadata(self) -> None:
         """Show the form of the recording's metadata beside the window."""
         run, attempt = self.selected()[0], self.services.notices.attempt
@@ -336,7 +345,7 @@ class RunsPage(QWidget):
         chosen = self.selected()
         for key in ("open", "report", "export"):
             widgets.allow(self.buttons[key], obstacle(key, chosen))
-        for key in ("readings", "replay", "compare", "rename", "note", "metadata"):
+        for key in ("readings", "replay", "compare", "rename", "note", "marker", "metadata"):
             why = obstacle(key, chosen)
             self.actions_[key].setEnabled(not why)
             self.actions_[key].setStatusTip(why)

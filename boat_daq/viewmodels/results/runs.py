@@ -26,7 +26,7 @@ from boat_daq.engine.recording.resumption import BrokenRun, prepare_resumption, 
 from boat_daq.engine.recording.summary import is_simulated
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
-from boat_daq.formatting import count, number
+from boat_daq.formatting import count, number, plain_number
 from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.services import Change, Services, UndoHistory
 from boat_daq.viewmodels.results.dynamics import DynamicsModel
@@ -36,7 +36,7 @@ from boat_daq.viewmodels.results.run_result import CurveBands, RunResult, compar
 from boat_daq.viewmodels.results.unit_over_time import UnitOverTimeModel
 from boat_daq.workflows.calibration_in_force import accepted_records, record_of
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
-from boat_daq.workflows.run_files import export_run, report_runs
+from boat_daq.workflows.run_files import add_marker, export_run, report_runs
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import RequestError
 from protocol.base.units import NOTHING, STORED_UNITS
@@ -192,6 +192,16 @@ class RunsModel:
         if text != before:
             add = self._add_note
             self._undo.push(Change("note", lambda: add(run.path, text), lambda: add(run.path, before)))
+
+    def mark(self, run: RunEntry, text: str) -> None:
+        """Add a marker to a closed recording: its time from the first sample, s, then what happened."""
+        time, _, note = text.strip().partition(" ")
+        try:
+            time_s = plain_number(time)
+        except ValueError as error:
+            raise RequestError(f"{time!r} is no time", "Begin with the seconds: 12.5 valve opened.") from error
+        add_marker(run.path, time_s, note)
+        self.select(run.path)
 
     def metadata(self, run: RunEntry) -> MetadataModel:
         """Return the form of a closed recording's metadata."""

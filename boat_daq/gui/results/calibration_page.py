@@ -130,7 +130,7 @@ class LoopCard(PlotCard):
     def __init__(self) -> None:
         super().__init__("Hysteresis", "Loading minus unloading of every cycle, over pressure")
         self.sensors = self.add("Sensors", "% FSO", x_title="Pressure", x_unit="kPa", stretch=3)
-        self.actuator = self.add("Actuator", "% of span", x_title="Pressure", x_unit="kPa", stretch=2)
+        self.actuator = self.add("Actuator", "% span", x_title="Pressure", x_unit="kPa", stretch=2)
         self.link_x()
         for plot in self.plots:
             plot.line(lambda t: t.muted, style_=Qt.PenStyle.SolidLine)
@@ -336,7 +336,9 @@ class CalibrationPage(QWidget):
         path = self.model.last_path
         assert path is not None
         self.services.notices.attempt(
-            lambda: ClosedReadings(self.window(), path, self.model.analyse, self.services).show()
+            lambda: ClosedReadings(
+                self.window(), path, self.model.analyse, self.services, self.loops.theme.units
+            ).show()
         )
 
     def edit_contributions(self) -> None:

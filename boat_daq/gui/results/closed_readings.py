@@ -14,6 +14,7 @@ from boat_daq.gui.live.readings_panel import ReadingsTable
 from boat_daq.gui.widgets import controls as widgets
 from boat_daq.viewmodels.common.services import Services, Tab
 from boat_daq.viewmodels.live.readings import ReadingsModel
+from protocol.base.units import STORED_UNITS, ShownUnits
 
 _REFRESH_MS = 250
 _IDLE = SessionSnapshot(SessionState.IDLE, LinkState.CLOSED)
@@ -22,14 +23,23 @@ _IDLE = SessionSnapshot(SessionState.IDLE, LinkState.CLOSED)
 class ClosedReadings(QDialog):
     """Edits the readings of a closed recording; what was entered before stays in the file."""
 
-    def __init__(self, parent: QWidget, path: Path, calibrate: Callable[[Path], None], services: Services) -> None:
+    def __init__(
+        self,
+        parent: QWidget,
+        path: Path,
+        calibrate: Callable[[Path], None],
+        services: Services,
+        units: ShownUnits = STORED_UNITS,
+    ) -> None:
         super().__init__(parent)
         self.path, self.analyse, self.services = path, calibrate, services
         self.setWindowTitle(f"Readings of {path.name}")
         self.setModal(False)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.resize(style.FORM_WIDTH, style.WINDOW_MINIMUM[1])
-        self.table = ReadingsTable(ReadingsModel.of_closed(path, services.undo), services)
+        readings = ReadingsModel.of_closed(path, services.undo)
+        readings.units = units
+        self.table = ReadingsTable(readings, services)
         self.table.empty.setText("This recording has no plateaus: its plan has no steps.")
         self.calibrate = widgets.button("Calibrate", self._calibrate, tip="Analyse it with these readings")
         layout = QVBoxLayout(self)

@@ -50,6 +50,7 @@ from boat_daq.viewmodels.common.services import Page, Place, Services, Tab
 from boat_daq.viewmodels.results.run_entry import MOST_COMPARED, RUN_HEADINGS, RunEntry, obstacle, selection_text
 from boat_daq.viewmodels.results.runs import RunActions, RunsModel
 from protocol.base.arrays import FloatArray
+from protocol.base.units import as_text
 
 Index = QModelIndex | QPersistentModelIndex
 _SPEEDS = (1, 5, 20, 100)
@@ -299,7 +300,8 @@ class RunsPage(QWidget):
         self._run(lambda path: self.other_pages.replay(path, speed), Page.MEASURE)
 
     def _edit(self, path: Path) -> None:
-        panel = ClosedReadings(self.window(), path, self.other_pages.calibrate, self.services)
+        units = self.model.shown_units
+        panel = ClosedReadings(self.window(), path, self.other_pages.calibrate, self.services, units)
         panel.finished.connect(self.model.scan)
         panel.show()
 
@@ -358,8 +360,10 @@ class RunsPage(QWidget):
         widgets.allow(self.over_time, "" if self.units.selectedIndexes() else "Choose a line of the units.")
 
     def paint_theme(self, theme: Theme) -> None:
-        """Use the colours of `theme`."""
+        """Use the colours and units of `theme`."""
         self.thumbnail.theme = theme
+        per_mm = as_text(theme.units.shown("mV/mm").symbol)
+        self.units.setHorizontalHeaderLabels([heading.replace("mV/mm", per_mm) for heading in UNIT_HEADINGS])
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the list where it has changed, and scan the folder at intervals."""

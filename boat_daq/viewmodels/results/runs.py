@@ -39,7 +39,7 @@ from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from boat_daq.workflows.run_files import add_marker, export_run, report_runs
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import RequestError
-from protocol.base.units import NOTHING, STORED_UNITS
+from protocol.base.units import NOTHING, STORED_UNITS, Shown
 from protocol.recording import SUFFIX
 
 SCAN_INTERVAL_S = 3.0
@@ -287,6 +287,8 @@ class RunsModel:
         names : present names of the recordings by UUID.
         """
         lines: list[UnitLine] = []
+        per_mm = self.shown_units.shown("mV/mm")
+        places = per_mm.decimals(1)
         for units in (self.units.of(simulated=simulated) for simulated in (False, True)):
             for name in units.names():
                 try:
@@ -296,7 +298,7 @@ class RunsModel:
                     continue
                 shown = f"{name}{SIMULATED_MARK}" if units.simulated else name
                 for record in (record_of(unit, entry) for entry in reversed(unit.history)):
-                    figures = " / ".join(number(figure, 1) for figure in _sensitivities(record))
+                    figures = " / ".join(_in(per_mm, figure, places) for figure in _sensitivities(record))
                     name_now = names.get(record.recording_id, record.recording)
                     lines.append((units.simulated, (shown, record.calibrated_utc[:10], figures, name_now)))
         return lines
@@ -323,6 +325,11 @@ class RunsModel:
     def close(self) -> None:
         """End the helper thread."""
         self._pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _in(shown: Shown, stored: float | None, places: int) -> str:
+    """Return a value as it is shown; a dash where it was not stored."""
+    return NOTHING if stored is None else number(shown.value(stored), places)
 
 
 def _sensitivities(record: CalibrationRecord) -> list[float | None]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from boat_daq.gui.results.closed_readings import ClosedReadings
+from protocol.base.units import ShownUnits
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.gui.windows import run_command, run_shortcut
 
@@ -21,6 +22,7 @@ def test_readings_of_a_recording_are_edited(make, tmp_path, qtbot):
     (tmp_path / "recordings").mkdir()
     path = Path(shutil.copy(sample, tmp_path / "recordings" / "older.boat"))
     window = make(RecordedSession(connected(), filled_ring(10.0)))
+    window.model.unit_choice.choose(ShownUnits.of("mbar"))
     window.go("Recordings")
     page = window.pages["Recordings"]
     qtbot.waitUntil(lambda: (window.refresh(), page.list.rowCount())[1] == 1, timeout=20_000)
@@ -29,6 +31,7 @@ def test_readings_of_a_recording_are_edited(make, tmp_path, qtbot):
     before = ClosedRun(path).readings()
     (panel,) = window.findChildren(ClosedReadings)
     model = panel.table.model
+    assert model.readings.headings[2] == "mbar"
     model.setData(model.index(2, 3), "1.25")
     assert ClosedRun(path).readings()[-1].elongation_mm == 1.25
     run_shortcut(window, "Ctrl+Z")

@@ -22,6 +22,7 @@ from boat_daq.viewmodels.results.runs import RunsModel
 from boat_daq.workflows.jobs import JobRunner
 from boat_daq.workflows.run_files import report_runs
 from protocol.base.errors import RequestError
+from protocol.base.units import ShownUnits
 from protocol.recording import RunEnd
 from tests.boat_daq.gui.recorded_session import connected, idle
 from tests.boat_daq.viewmodels.helpers import until
@@ -92,6 +93,8 @@ def test_units_are_those_of_the_board_in_use(tmp_path):
     assert shown(idle()) == ([real, virtual], [40.0])
     assert shown(connected()) == ([virtual], [50.0])
     assert shown(dataclasses.replace(connected(), simulated=False)) == ([real], [40.0])
+    model.shown_units = ShownUnits.of("V")
+    assert shown(dataclasses.replace(connected(), simulated=False)) == ([("SA1", "0.0400")], [40.0])
     model.close()
 
 

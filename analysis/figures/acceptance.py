@@ -92,7 +92,8 @@ class LimitStatement:
         definition, figure = SENSOR_FIGURES.get(self.tolerance.key), self.figure
         name = definition.phrase if definition is not None else self.name
         unit = f" {figure.unit}" if figure.unit else ""
-        return f"{name}, {sensor_text(self.sensor)}: {figure.value:.3g}{unit}, limit {self.tolerance.limit:g}{unit}"
+        value = f"{figure.value:.3g}{unit}" if math.isfinite(figure.value) else "not known"
+        return f"{name}, {sensor_text(self.sensor)}: {value}, limit {self.tolerance.limit:g}{unit}"
 
     def as_json(self) -> dict[str, Any]:
         """Return an entry of `conformity`."""

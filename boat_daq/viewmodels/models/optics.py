@@ -21,7 +21,7 @@ from analysis.numbers import rounded, with_uncertainty
 from analysis.optics.scene.parameters import STATES, STEPS_MM
 from analysis.progress import Progress, part_of
 from boat_daq.formatting import count, number
-from boat_daq.viewmodels.common.notices import Notices, Severity
+from boat_daq.viewmodels.common.notices import Notices, Severity, sentence
 from boat_daq.viewmodels.common.tolerance import AUTOMATIC, plain_text
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from protocol.base.arrays import BoolArray, FloatArray, IntArray
@@ -519,7 +519,8 @@ class OpticsModel:
         if self.problem:
             return self.problem
         doing = self._progress_text()
-        return f"{doing[:1].upper()}{doing[1:] or 'Not traced yet'}. Drawn next: {drawn}."
+        now = sentence(doing) if doing else "Not traced yet."
+        return f"{now} Drawn next: {drawn}."
 
     # ---- the sweep and the search --------------------------------------------------------------------------------
 

@@ -180,3 +180,10 @@ def test_the_worst_statement_counts_for_all_limits():
         assert worst_conformity(judge([sensor], {"hysteresis": limit})) == expected
     both = judge([sensor], {"hysteresis": 4.97, "repeatability": 1.0})
     assert worst_conformity(both) == "undetermined"
+
+
+def test_a_figure_that_is_not_known_is_no_number_in_words():
+    """A run of one cycle was said to have a combined error of nan % FSO."""
+    unknown = Figure(math.nan, "% FSO", 1, math.nan, math.nan)
+    (statement,) = judge([sensor(Y, system_hysteresis_percent_fso=unknown)], {"hysteresis": 5.0})
+    assert statement.phrase.endswith("sensor 1: not known, limit 5 % FSO")

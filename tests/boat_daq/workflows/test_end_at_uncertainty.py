@@ -96,6 +96,24 @@ def test_a_run_ends_after_the_cycle_that_leaves_the_u(model: EnoughCycles, ended
     assert len(held) == 1
 
 
+def test_run_waits_at_the_end_of_each_cycle_for_its_assessment(model: EnoughCycles, held: list[Any]) -> None:
+    """Asked once to hold its last level; released by each assessment, by one that fails, and where no U is asked."""
+    asked: list[Any] = []
+    session = cast(Any, model._session)
+    session.stop_at_cycles, session.next_cycle = lambda *, on: asked.append(on), lambda: asked.append("next")
+    Done.result = known(1, 0.1, 0.07)
+    model.follow(snapshot(0))
+    model.follow(snapshot(1))
+    assert asked == [True]  # it is being assessed: the level is held
+    model.follow(snapshot(1))
+    assert asked == [True, "next"]
+    model._not_known("the analysis failed")
+    assert asked == [True, "next", "next"]
+    model.ask(None, "mm")
+    model.follow(snapshot(1))
+    assert asked[3:] == [False]
+
+
 def test_what_cannot_be_reached_or_assessed_is_reported(model: EnoughCycles, ended: list[str]) -> None:
     """A U below the noise, readings that do not fit, a failed analysis: the run continues, with the cause."""
     said: list[str] = []

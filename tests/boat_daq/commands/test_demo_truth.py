@@ -9,7 +9,6 @@ from boat_daq.commands.demo import comparison, truth_of
 from boat_daq.engine.plan import load_plan
 from tests.boat_daq.viewmodels.helpers import SAMPLE
 
-
 OF_HOLDS = ("full-scale output", "sensor hysteresis", "system hysteresis", "SNR", "noise, rms")
 
 

@@ -445,6 +445,7 @@ def optimise(
 
     Example: boat-daq optics optimise --seconds 50
     """
+    from analysis import numbers
     from analysis.optics.sweep.optimise import optimise as search
     from analysis.optics.sweep.report import optimum_json, optimum_text
 
@@ -470,7 +471,7 @@ def optimise(
     if out is not None:
         file = out / "optimum.json"
         with writing(file):
-            write_whole(file, json.dumps(result, indent=1))
+            write_whole(file, json.dumps(numbers.finite(result), indent=1, allow_nan=False))
         notify(f"wrote {file}")
     present(result, optimum_text(found), as_json=as_json)
 

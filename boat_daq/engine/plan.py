@@ -392,7 +392,7 @@ def load_plan(name_or_path: str) -> Plan:
         return built_in[name_or_path]
     path = Path(name_or_path).expanduser()
     if not path.exists():
-        remedy = f"{one_of(name_or_path, built_in)}; a plan of your own is the path of its file"
+        remedy = f"{one_of(name_or_path, built_in)} (a plan of your own: the path of its file)"
         raise ChoiceError(f"there is no plan '{name_or_path}'", remedy)
     return plan_from_toml(read_text(path), str(path))
 

@@ -136,7 +136,14 @@ def test_pictures_of_the_readme_are_installed_beside_it() -> None:
     for picture in map(Path, pictures):
         sources = installed[f"share/doc/boat-daq/{picture.parent.as_posix()}"]
         assert any(picture.match(source) for source in sources), picture
-        assert (ROOT / picture).is_file()
+        assert (ROOT / picture).stat().st_size < 3e6
+
+
+def test_readme_is_short() -> None:
+    """At most 700 words, with a moving picture."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(text.split()) <= 700
+    assert ".gif)" in text
 
 
 def test_recordings_have_a_type_of_file_of_their_own() -> None:

@@ -454,6 +454,7 @@ def test_empty_plots_show_what_will_be_there(live, monkeypatch):
     live.model.optics._sweeps.clear()
     for card in (page.strip, page.pareto):
         card.show_sweep()
+    page.scene.show_state(live.model.optics)
     page.response.show_result(live.model.optics)
     for card in (page.scene, page.response, page.strip, page.pareto):
         assert not card.view.isVisible()

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ast
+import contextlib
 import functools
+import importlib.util
 import json
 import re
 import sys
@@ -13,6 +15,7 @@ from collections.abc import Mapping
 from configparser import ConfigParser
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import pytest
@@ -186,3 +189,61 @@ def test_examples_of_an_installation_are_found(monkeypatch: pytest.MonkeyPatch, 
     monkeypatch.setattr(examples.metadata, "files", lambda _: None)
     with pytest.raises(RequestError, match="not installed"):
         examples.example_files()
+
+
+@pytest.fixture(scope="module")
+def notices() -> Any:
+    """The tool that writes the notices of third parties."""
+    spec = importlib.util.spec_from_file_location("notices", ROOT / "packaging" / "notices.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_third_parties_are_listed_as_they_are_installed(notices: Any) -> None:
+    """`python packaging/notices.py` was run after the last change of the requirements; the package holds the list."""
+    assert (ROOT / "THIRD-PARTY.txt").read_text(encoding="utf-8") == notices.name_list()
+    assert "THIRD-PARTY.txt" in PROJECT["license-files"]
+    assert {canonical(library.name) for library in notices.libraries()} >= DECLARED
+
+
+def test_notices_of_a_bundle_hold_every_licence(notices: Any) -> None:
+    """Each library with its text; of Qt the LGPL, and the GPL that it refers to."""
+    text = notices.bundle_notices()
+    for library in notices.libraries():
+        assert f"{library.name} {library.version}: " in text
+        assert any(len(part) > 200 for part in notices.texts(library)), library.name
+    for words in ("GNU LESSER GENERAL PUBLIC LICENSE", "GNU GENERAL PUBLIC LICENSE", "download.qt.io", "Chris Liechti"):
+        assert words in text
+
+
+def test_extras_under_the_gpl_are_marked(notices: Any) -> None:
+    """By the licences that their libraries state."""
+    found = set()
+    for extra, requirements in PROJECT["optional-dependencies"].items():
+        for requirement in requirements if extra != "all" else ():
+            with contextlib.suppress(metadata.PackageNotFoundError):
+                library = metadata.distribution(canonical(requirement))
+                stated = (library.metadata.get("License-Expression"), library.metadata.get("License"))
+                if any(re.search(r"(?<![LA])GPL", words or "") for words in stated):
+                    found.add(extra)
+    assert found == set(notices.COPYLEFT)
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert all(f"`{extra}`" in readme for extra in found)
+
+
+def test_parts_of_qt_that_the_window_never_loads_are_left_out_of_the_bundle() -> None:
+    """QML and Quick, whatever brings them along; what the window is made of stays."""
+    tree = ast.parse((ROOT / "packaging" / "boat-daq.spec").read_text(encoding="utf-8"))
+    (call,) = (
+        node.value
+        for node in tree.body
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and node.targets[0].id == "UNUSED_QT"
+    )
+    assert isinstance(call, ast.Call)
+    unused = re.compile(ast.literal_eval(call.args[0]))
+    out = ("lib/libQt6Qml.so.6", "lib/libQt6Quick.so.6", "qml/QtQuick/qmldir", "lib/libQt6VirtualKeyboard.so.6")
+    kept = ("lib/libQt6Core.so.6", "lib/libQt6Svg.so.6", "plugins/platforms/libqxcb.so", "lib/libQt6DBus.so.6")
+    assert all(unused.search(f"PySide6/Qt/{name}") for name in out)
+    assert not any(unused.search(f"PySide6/Qt/{name}") for name in kept)

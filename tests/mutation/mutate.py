@@ -42,6 +42,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "out" / "mutation"
 
+_SESSION = "tests/boat_daq/engine/session"
 _FIGURES, _CALIBRATION = "tests/analysis/figures", "tests/analysis/calibration"
 _CONTROL, _RECORDING, _LINK = "tests/boat_daq/engine/control", "tests/boat_daq/engine/recording", "tests/protocol/link"
 MODULES: dict[str, tuple[str, ...]] = {  # the tests that reach most of a module, by coverage
@@ -62,6 +63,14 @@ MODULES: dict[str, tuple[str, ...]] = {  # the tests that reach most of a module
         for name in ("connection_layout", "connection", "connection_vectors", "pending_commands")
     ),
     "protocol/link/pending_commands.py": (f"{_LINK}/test_pending_commands.py", f"{_LINK}/test_connection.py"),
+    "protocol/link/sample_stream.py": (f"{_LINK}/test_sample_stream.py", f"{_LINK}/test_connection.py"),
+    "boat_daq/engine/session/guarded_controller.py": (f"{_SESSION}/test_guarded_controller.py",),
+    "boat_daq/engine/session/shared_vent.py": (f"{_SESSION}/test_shared_vent.py",),
+    "boat_daq/engine/recording/rows.py": (f"{_RECORDING}/test_recorder.py", f"{_RECORDING}/test_resumption.py"),
+    "boat_daq/engine/outlets/secop_server.py": ("tests/boat_daq/engine/outlets/test_secop_server.py",),
+    "analysis/elongation_control/controller.py": ("tests/analysis/elongation_control/test_controller.py",),
+    "analysis/certificates/dcc.py": ("tests/analysis/certificates/test_dcc.py",),
+    "analysis/tracking/tracker.py": ("tests/analysis/tracking/test_tracker.py", "tests/analysis/tracking/test_lens.py"),
     "boat_daq/engine/recording/recorder.py": tuple(
         f"{_RECORDING}/test_{name}.py"
         for name in ("recorder", "recorder_waiting", "recorder_disk", "recorder_names", "resumption")

@@ -13,6 +13,8 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -36,7 +38,9 @@ from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from protocol.base.errors import RecordingError
+from protocol.recording import BoardState
 
+_SECOND_KPA = 5.0
 ACKNOWLEDGED_S = 0.2  # of wall time: what a kill may cost
 _PLAN = Plan(
     name="drill", kind="continuous", cycles=2, ramp_kpa_per_s=20.0, settling_s=0.0, window_s=0.5, min_dwell_s=0.5,
@@ -207,8 +211,43 @@ def slow_disk(rig: DrillRig) -> DrillResult:
     return found.result("slow disk", "0.7 s for each commit", shown, found.nothing_lost, found.nothing_wrong)
 
 
+def latest_pressure(rig: DrillRig) -> DrillResult:
+    """A second pressure is set before the board has answered the first."""
+    with rig.board(speed=1.0) as board, rig.recording(board) as session:
+        session.set_pressure(30.0, 50.0)
+        session.set_pressure(_SECOND_KPA, 50.0)
+        session.wait(lambda s: s.last is not None and s.last.state is BoardState.HOLDING, WAIT_S)
+        time.sleep(1.0)
+        held_kpa = last_true(rig)[1]
+        session.vent()
+        session.wait(lambda s: s.last is not None and abs(s.last.pressure_kpa) < VENTED_KPA / 2, WAIT_S)
+    found = compare(rig)
+    there = abs(held_kpa - _SECOND_KPA) <= 1.0
+    latest = Criterion("the second one is carried out", f"{held_kpa:.1f} kPa", there)
+    return found.result("latest pressure", "30 kPa, and at once 5 kPa", latest, found.vented, found.nothing_lost)
+
+
+def busy(rig: DrillRig) -> DrillResult:
+    """Eight programs compute while a pressure is held."""
+    with rig.board(speed=1.0) as board, rig.recording(board) as session, contextlib.ExitStack() as ends:
+        session.set_pressure(_SECOND_KPA, 50.0)
+        session.wait(lambda s: s.last is not None and s.last.state is BoardState.HOLDING, WAIT_S)
+        for _ in range(8):
+            ends.callback(subprocess.Popen([sys.executable, "-c", "while True: pass"]).kill)
+        time.sleep(6.0)
+        seen, held_kpa = session.snapshot(), last_true(rig)[1]
+        session.vent()
+        session.wait(lambda s: s.last is not None and abs(s.last.pressure_kpa) < VENTED_KPA / 2, WAIT_S)
+    found = compare(rig)
+    there = not seen.latched and abs(held_kpa - _SECOND_KPA) <= 1.0
+    held = Criterion("the pressure is held", f"{held_kpa:.1f} kPa {seen.latched}", there)
+    return found.result("busy", "eight programs that compute for 6 s", held, found.vented, found.nothing_lost)
+
+
 Drill = Callable[[DrillRig], DrillResult]
-DRILLS: tuple[Drill, ...] = (loss, flips, unplug, pump_stall, leak, ambient_flash, estop, kill, host_stall, slow_disk)
+DRILLS: tuple[Drill, ...] = (
+    loss, flips, unplug, pump_stall, leak, ambient_flash, estop, kill, host_stall, slow_disk, latest_pressure, busy
+)  # fmt: skip
 
 
 def available() -> tuple[Drill, ...]:

@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
 import threading
 from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
 
+import pytest
+
+from boat_daq.engine.control.preflight import Check
+from boat_daq.engine.plan import Plan
 from boat_daq.engine.session import guarded_controller
 from boat_daq.engine.session.guarded_controller import GuardedController
 from boat_daq.engine.session.journal import Journal
+from protocol.base.errors import RequestError
 from protocol.link.messages import Command, SetPressure, Vent
 
 PRESSURE = SetPressure(30_000, 10_000)
+PLAN = Plan("short", "staircase", 2)
+SPACE = Check("space")
 
 
 class Port:
@@ -126,3 +136,80 @@ def test_vents_of_one_instant_are_one_and_a_pressure_between_them_makes_two(monk
     now_s[0] += 0.11
     control.vent()
     assert port.left[-2:] == [Vent(), Vent()]
+
+
+# ---- arming and starting a recorded run ------------------------------------------------------------------------------
+
+
+class Recorder:
+    """What is stated in the recording."""
+
+    def __init__(self) -> None:
+        self.meta: dict[str, object] = {}
+        self.resumed: list[tuple[str, int, int]] = []
+
+    def update_meta(self, **meta: object) -> None:
+        self.meta |= meta
+
+    def run_resumed(self, cause: str, *, first_cycle: int, complete_cycles: int) -> None:
+        self.resumed.append((cause, first_cycle, complete_cycles))
+
+
+def recorded(monkeypatch, *, broken: bool = False) -> tuple[GuardedController, Recorder, list[object]]:
+    """A controller that records, its recorder, and what the controller was asked to arm and start."""
+    control, _ = guarded()
+    control.controller.interlock.set_limits("board", (-60.0, 80.0))
+    recorder, asked = Recorder(), []
+    control._journal.recorder = recorder
+    control._journal.broken = SimpleNamespace(path=Path("run.boat"), check_plan=asked.append) if broken else None
+    monkeypatch.setattr(control.controller, "arm", lambda plan, **known: asked.append(known["resume_at"]))
+    monkeypatch.setattr(control.controller, "start", asked.append)
+    return control, recorder, asked
+
+
+def arm(control: GuardedController, *, resume: bool) -> None:
+    control.arm(PLAN, wait_for_reading=False, resume=resume, regulator=None, hold=False)
+
+
+def test_a_new_run_is_stated_in_its_recording(monkeypatch) -> None:
+    """Plan and limits; it begins at the first cycle, and its start is no resumption."""
+    control, recorder, asked = recorded(monkeypatch)
+    arm(control, resume=False)
+    assert recorder.meta == {"plan": dataclasses.asdict(PLAN), "limits_pa": [-60_000, 80_000]}
+    control.start(SPACE)
+    assert asked == [(1, 0), [SPACE]]
+    assert recorder.resumed == []
+
+
+def test_a_run_that_is_not_recorded_is_armed_too(monkeypatch) -> None:
+    control, recorder, asked = recorded(monkeypatch)
+    control._journal.recorder = None
+    arm(control, resume=False)
+    control.start(SPACE)
+    assert asked == [(1, 0), [SPACE]]
+    assert recorder.meta == {}
+
+
+def test_a_resumed_run_is_stated_at_its_start_once(monkeypatch) -> None:
+    """With the cycle that it begins at and those that are complete; its plan is that of the file."""
+    control, recorder, asked = recorded(monkeypatch, broken=True)
+    monkeypatch.setattr(guarded_controller, "resume_point", lambda plan, marks: (2, 1))
+    arm(control, resume=True)
+    assert recorder.meta == {}
+    control.start(SPACE)
+    assert asked == [PLAN, (2, 1), [SPACE]]
+    assert recorder.resumed == [("interrupted", 2, 1)]
+    control.start(SPACE)
+    assert len(recorder.resumed) == 1
+
+
+def test_an_interrupted_run_is_only_resumed_in_its_recording(monkeypatch) -> None:
+    """Another run there is refused, and a resumption of one that has all its cycles."""
+    control, recorder, asked = recorded(monkeypatch, broken=True)
+    with pytest.raises(RequestError, match=r"run\.boat holds an interrupted run"):
+        arm(control, resume=False)
+    monkeypatch.setattr(guarded_controller, "resume_point", lambda plan, marks: (3, 2))
+    with pytest.raises(RequestError, match="has all its cycles"):
+        arm(control, resume=True)
+    assert asked == [PLAN, PLAN]
+    assert (recorder.meta, recorder.resumed) == ({}, [])

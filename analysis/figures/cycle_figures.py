@@ -88,9 +88,14 @@ def drift(loops: Loops, sensor: int, full_scale_value: float) -> Figure:
         return Figure.nothing(unit, Reason.NO_COMMON_LEVEL, "no level is known in every cycle", definition)
     number, scale = np.asarray(loops.numbers, dtype=np.float64), 100.0 * 100.0 / full_scale_value
     slope, low, high = (scale * v for v in theil_sen(number, common))
-    dependence = Dependence.of(common, 2)
+    dependence = _about_a_line(loops, sensor, common)
     low, high = slope - dependence.slope_widening * (slope - low), slope + dependence.slope_widening * (high - slope)
     return _noted(Figure(slope, unit, loops.n_cycles, low, high, definition=definition), dependence)
+
+
+def _about_a_line(loops: Loops, sensor: int, means: FloatArray) -> Dependence:
+    noticed = CycleEffect.of(loops, sensor).dependence
+    return replace(noticed, columns=2) if noticed.noticed else Dependence.of(means, 2)
 
 
 def _noted(figure: Figure, dependence: Dependence) -> Figure:
@@ -118,7 +123,7 @@ class Trend:
         left = means - means.mean() - slope * away
         dof = means.size - 2
         se = float(np.sqrt(left @ left / dof / spread))
-        reach = float(stats.t.ppf(0.975, dof)) * se * Dependence.of(means, 2).slope_widening
+        reach = float(stats.t.ppf(0.975, dof)) * se * _about_a_line(loops, sensor, means).slope_widening
         return cls(slope, reach) if abs(slope) > reach else cls()
 
 

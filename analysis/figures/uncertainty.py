@@ -207,7 +207,7 @@ def signal_parts(analysis: AnalysedRun, sensor: int) -> SignalParts:
     repeatability = _without(pooled * fso / 100.0, ramp, float(mean_noise))
     half_loop, no_loop = _half_loop(analysis, sensor)
     noiseless = "" if np.isfinite(noise) else figures["noise_mv"].void or "the noise is not known"
-    missing = {"noise": noiseless, "repeatability": _unrepeated(figures, cycles), "hysteresis": no_loop}
+    missing = {"repeatability": _unrepeated(figures, cycles), "noise": noiseless, "hysteresis": no_loop}
     missing = {name: why for name, why in missing.items() if why}
     given = {one.name for one in counted(analysis.options.type_b, missing)}
     together = CycleEffect.of(analysis.loops, sensor)

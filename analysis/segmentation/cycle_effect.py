@@ -12,7 +12,10 @@ import numpy as np
 from scipy import stats
 
 from analysis.segmentation.loops import Loops
-from analysis.segmentation.serial_correlation import Dependence
+from analysis.segmentation.serial_correlation import RANDOM_WALK, Dependence
+from protocol.base.arrays import BoolArray, FloatArray
+
+_FEWEST_PAIRS, _WANDERING = 12, 2.6  # standard errors: 0.5 %, one-sided
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +37,7 @@ class CycleEffect:
     def of(cls, loops: Loops, sensor: int) -> CycleEffect:
         """Assess the cycles of a run; no variance where it has one only."""
         values = np.where(loops.own, loops.signal_mv[sensor], np.nan)
-        whole = np.isfinite(values).all(axis=1)
+        whole = np.asarray(np.isfinite(values).all(axis=1))
         cycles, places = loops.n_cycles, int(whole.sum())
         if cycles < 2 or places < 2:
             return cls(cycles, places, 0.0, 0.0, Dependence(max(cycles, 2), 1))
@@ -42,14 +45,18 @@ class CycleEffect:
         away = away - away.mean(axis=0)
         means = away.mean(axis=1)
         own = float(((away - means[:, None]) ** 2).sum()) / ((cycles - 1) * (places - 1))
-        beside_drift = replace(Dependence.of(means, 2), columns=1)
-        return cls(cycles, places, float(means @ means) / (cycles - 1), own, beside_drift)
+        found = replace(Dependence.of(means, 2), columns=1)
+        if _wanders(values.transpose(1, 0, 2), whole):
+            found = replace(found, rho=RANDOM_WALK)
+        return cls(cycles, places, float(means @ means) / (cycles - 1), own, found)
 
     def _parts(self, repeatability: float, drift: float) -> tuple[float, float]:
         """Return the variances of what the cycles differ by together, with its error of the curve, and of the rest."""
         shared = self.mean_variance - self.own_variance / max(self.places, 1) - drift**2
         shared = min(max(shared, 0.0), repeatability**2)
-        ahead = self.dependence.next_share if self.dependence.noticed else 1.0 + 1.0 / max(self.cycles, 1)
+        ahead = 1.0 + 1.0 / max(self.cycles, 1)
+        if self.dependence.noticed:  # few degrees of freedom: as much more as k = 2 covers less with them
+            ahead = self.dependence.next_share * (stats.t.ppf(0.975, max(self.dependence.dof, 2.0)) / 2.0) ** 2
         return shared * ahead, repeatability**2 - shared
 
     def repeatability(self, pooled: float, drift: float) -> float:
@@ -79,3 +86,21 @@ class CycleEffect:
         of_cycles, rest = self._parts(pooled, 0.0)  # cycles that depend on one another scatter less than they may
         more = (of_cycles / self.dependence.variance_share + rest) / max(of_cycles + rest, np.finfo(float).tiny)
         return pooled * low, pooled * high * float(np.sqrt(more))
+
+
+def _wanders(values: FloatArray, whole: BoolArray) -> bool:
+    """Return whether neighbours in a cycle differ from their means alike, as a random walk makes them.
+
+    `values` are [cycles, 2, levels], `whole` [2, levels] those that all cycles have. The lag-1 correlation along the
+    branches, of what is left without the cycles' means, is tested by its standard error for independent values.
+    """
+    away = np.where(whole, values, 0.0)
+    away = np.where(whole, away - away.mean(axis=0), 0.0)
+    away = np.where(whole, away - away.sum(axis=(1, 2), keepdims=True) / max(int(whole.sum()), 1), 0.0)
+    pairs, squares = whole[:, 1:] & whole[:, :-1], float((away**2).sum())
+    count = int(pairs.sum()) * (values.shape[0] - 1)
+    if count < _FEWEST_PAIRS or not squares > 0.0:
+        return False
+    mean_square = squares / (values.shape[0] * int(whole.sum()))
+    products = float((away[:, :, 1:] * away[:, :, :-1])[:, pairs].sum()) / (values.shape[0] * int(pairs.sum()))
+    return bool(products / mean_square * np.sqrt(count) > _WANDERING)

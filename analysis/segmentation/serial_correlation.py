@@ -14,8 +14,9 @@ from scipy import stats
 
 from protocol.base.arrays import FloatArray
 
-_FEWEST = 4
-_RHO = np.asarray([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 0.999])
+_FEWEST = 8
+RANDOM_WALK = 0.999
+_RHO = np.asarray([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, RANDOM_WALK])
 _NOTICED = 0.71  # of twice the gain in log-likelihood: 20 % one-sided, half of chi-square's being zero
 _ONE_SD = 0.5  # of the log-likelihood
 

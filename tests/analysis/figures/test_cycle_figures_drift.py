@@ -14,8 +14,9 @@ from analysis.calibration_export.run_record import calibration_record
 from analysis.figures.cycle_figures import drift, repeatability
 from analysis.figures.figure import Reason
 from analysis.numbers import finite
+from analysis.segmentation.cycle_effect import CycleEffect
 from analysis.segmentation.loops import Loops
-from analysis.segmentation.serial_correlation import Dependence
+from analysis.segmentation.serial_correlation import RANDOM_WALK, Dependence
 from analysis.warning import WarningCode
 from tests.analysis.boat_builder import PAPER, Plant, Staircase, triangle
 
@@ -149,3 +150,22 @@ def test_u_follows_noise_that_grows_over_the_range(tmp_path: Path) -> None:
             within = np.abs(read - fit.predict(x[at])) <= u[at] * abs(fit.slope(x[at]))
             held[name, at] = float(within.mean())
     assert all(0.935 <= share <= 0.97 for share in held.values()), held
+
+
+@pytest.mark.parametrize(("walk_mv", "noticed"), [(8.0, True), (0.0, False)])
+def test_a_random_walk_is_noticed_within_its_cycles(walk_mv: float, noticed: bool) -> None:
+    """Five cycles show it by neighbouring holds; independent holds, with cycles that differ, are not taken for it."""
+    rng, found, ahead = np.random.default_rng(3), [], []
+    for _ in range(60):
+        walk = np.cumsum(rng.standard_normal(100)) * walk_mv / 10.0
+        values = walk[:90].reshape(5, 18) + 0.2 * rng.standard_normal((5, 18)) + 0.5 * rng.standard_normal((5, 1))
+        values[:, :9] = values[:, 8::-1]  # the unloading branch goes down in pressure
+        effect = CycleEffect.of(loops_of(values), 0)
+        found.append(effect.dependence.rho == RANDOM_WALK)
+        pooled = float(np.sqrt(np.mean(values.var(axis=0, ddof=1))))
+        ahead.append(abs(walk[95] - walk[:90].mean()) <= 2.0 * effect.repeatability(pooled, 0.0))
+    if noticed:
+        assert np.mean(found) > 0.95
+        assert np.mean(ahead) > 0.9
+    else:
+        assert np.mean(found) < 0.05

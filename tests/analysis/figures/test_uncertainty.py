@@ -269,6 +269,7 @@ def a_run(**sensor: object) -> SimpleNamespace:
         recording=SimpleNamespace(n=1234, lit=np.ones(1), dark=None, meta={"vref_mv": 3300, "adc_bits": 12}),
         plateaus=[SimpleNamespace(signal_se_mv=(se,)) for se in (0.1, 0.2, 0.9)],
         reading_sd_mm=0.1,
+        options=SimpleNamespace(type_b=()),
     )
 
 
@@ -432,7 +433,7 @@ def test_u_is_not_given_within_u_of_a_turn(monkeypatch: pytest.MonkeyPatch, expa
     curve = SimpleNamespace(
         x_range=(-2.0, 3.0), turns_inside=(0.5,), monotone=False, adequacy=None, slope=lambda x: np.ones(np.shape(x))
     )
-    parts = SimpleNamespace(void="")
+    parts = SimpleNamespace(void="", stand_in="")
     stub = SimpleNamespace(calibration=curve, parts=parts, at=lambda _: SimpleNamespace(expanded=expanded_mm))
     monkeypatch.setattr(BudgetOfSensor, "of", lambda *_: stub)
     table, reason = elongation_uncertainty(SimpleNamespace(), 0)

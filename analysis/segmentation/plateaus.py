@@ -23,6 +23,7 @@ from analysis.statistics import mean, standard_error
 from protocol.base.arrays import FloatArray, IntArray
 
 _SETTLING_S = 0.5
+SETTLING_OF_HOLD = 0.3  # share of a hold that a proposed settling time takes at most
 _SHORT_SETTLINGS_S = (0.01, 0.02, 0.05, 0.1, 0.2)  # proposed where holds are shorter
 _MAX_DAMAGED = 0.20  # share of a window's samples that may be lost or left out
 _MIN_SAMPLES = 5
@@ -126,7 +127,9 @@ def shorter_settling_s(plateaus: tuple[Plateau, ...], settings: PlateauSettings)
     short = [p for p in plateaus if p.void and max(p.n, default=0) < _MIN_SAMPLES and not p.lost and not p.left_out]
     if not held_s or 2 * len(short) <= len(plateaus):
         return 0.0
-    fitting = [s for s in _SHORT_SETTLINGS_S if s <= 0.5 * float(np.median(held_s)) and s < settings.settling_s]
+    fitting = [
+        s for s in _SHORT_SETTLINGS_S if s <= SETTLING_OF_HOLD * float(np.median(held_s)) and s < settings.settling_s
+    ]
     return max(fitting, default=0.0)
 
 

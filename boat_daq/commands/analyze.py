@@ -103,13 +103,13 @@ def analyze(
     analysis = with_plugins(analysis, str(run))
     verdict = verdict_of(analysis, limits)
     shadow = None if no_shadow else _shadow(analysis)
+    if settling_s := shorter_settling_s(analysis.plateaus, options.plateau):
+        notify(f"the holds are short; to use them: --settling {settling_s:g}")
     if as_json:
         budgets = None if analysis.budgets is None else analysis.budgets.as_json()
         added = {"shadow": shadow, "conformity": conformity, "elongation_budget": budgets, "verdict": verdict.as_json()}
         emit_json(analysis.to_json() | added)
         return
-    if settling_s := shorter_settling_s(analysis.plateaus, options.plateau):
-        notify(f"the holds are short; to use them: --settling {settling_s:g}")
     show(verdict.sentence)
     _show(analysis, limits)
     if shadow is not None:

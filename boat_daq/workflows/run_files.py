@@ -93,13 +93,16 @@ def import_files(
     """Write one or two files as a recording and return it; `options` are those of `import_csv`."""
     from analysis.data.boat_writer import write_boat_file
     from analysis.data.csv_import import import_csv, import_two
-    from analysis.tracking.second_file import place_second
 
     if text_profile is not None:
+        from boat_daq.workflows.text_capture import import_capture
+
         recording = import_capture(paths[0], text_profile)
     elif len(paths) == 1:
         recording = import_csv(paths[0], columns=columns, **options)
     else:
+        from analysis.tracking.second_file import place_second
+
         recording = import_two(paths[0], paths[1], columns=columns, place=place_second)
     recording = replace(recording, meta={**recording.meta, **stated})
     write_boat_file(target, recording, original=paths[0], second=paths[1] if len(paths) > 1 else None)

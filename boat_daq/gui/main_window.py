@@ -84,6 +84,8 @@ class MainWindow(QMainWindow):
         self.chosen = {page: tabs[0] for page, tabs in TABS.items()}  # the tab of each page with tabs
         self.tabs = QTabBar()
         self.tabs.setDrawBase(False)
+        self.tabs.setExpanding(False)
+        self.tabs.setUsesScrollButtons(False)
         self.tabs.setAccessibleName("Tabs of the page")
         self.tabs.tabBarClicked.connect(lambda at: self.go(TABS[self.page][at]) if at >= 0 else None)
         for scroll in self.scrolls.values():
@@ -146,7 +148,7 @@ class MainWindow(QMainWindow):
         self.setCentralWidget(body)
 
     def _tab_row(self) -> QWidget:
-        line = widgets.row(self.tabs, None)
+        line = widgets.row((self.tabs, 1))
         self.tab_row = widgets.holder(line)
         line.setContentsMargins(style.PAGE_MARGIN, style.STEP, style.PAGE_MARGIN, 0)
         self.tab_row.hide()

@@ -70,7 +70,7 @@ class RepeatabilityModel:
         self._started_cycles = 0
         self._followed: Path | None = None
         self._ended_at = np.inf
-        self._cycle = 0  # in progress
+        self._cycle, self._loading = 0, False  # in progress
 
     def follow(self, snapshot: SessionSnapshot) -> None:
         """Analyse the open recording again after each new cycle, and once more after the run."""
@@ -95,10 +95,11 @@ class RepeatabilityModel:
         return self._cycle > 0
 
     def _show_cycle(self, cycle: int) -> None:
-        """Take the cycle that is in progress, 0 for none, as long as nothing else is shown."""
-        if self.result is None and cycle != self._cycle:
+        """Take the cycle that is in progress, 0 for none, and whether a run is being analysed."""
+        loading = any(self.jobs.get(name) is not None for name in ("repeatability", "analysis"))
+        if self.result is None and (cycle, loading) != (self._cycle, self._loading):
             self.revision += 1
-        self._cycle = cycle
+        self._cycle, self._loading = cycle, loading
 
     def _read_ended(self) -> None:
         """Analyse the run that has ended, once its last samples are written."""
@@ -145,7 +146,7 @@ class RepeatabilityModel:
         """Return title and text of what is missing; both empty where there is a cycle to show."""
         if self.failure:
             return "This run cannot be shown", self.failure
-        if self.result is None and self.jobs.get("repeatability") is not None:
+        if self.result is None and self._loading:
             return "Loading \u2026", "The run is being analysed."
         if self.result is None and self._cycle:
             return FIRST_RESULTS, f"Cycle {self._cycle} is in progress."

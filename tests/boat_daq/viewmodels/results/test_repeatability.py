@@ -139,8 +139,9 @@ def test_what_a_run_in_progress_waits_for_is_said():
     model.follow(running)
     assert model.missing() == ("The first results come after two cycles", "Cycle 1 is in progress.")
     assert (model.in_progress, model.revision) == (True, revision + 1)
-    model.jobs.get = lambda _: Mock()
-    assert model.missing()[0].startswith("Loading")
+    model.jobs.get = {"analysis": Mock()}.get
+    model.follow(running)
+    assert (model.missing()[0], model.revision) == ("Loading \u2026", revision + 2)
     model.jobs.get = lambda _: None
     model.follow(connected())
     assert (model.missing()[0], model.in_progress) == ("No repeatability run yet", False)

@@ -37,7 +37,7 @@ PRECISIONS = {
     "reference": "Reference: slow, exact",
 }
 _HEADINGS = ("No.", "Setting", "Time", "Error", "Use")
-USES = f"\u25cb default   \u25a1 {CHOICE}   D used at Draft   R used at Reference"
+_USES = f"\u25cb default   \u25a1 {CHOICE}   D used at Draft   R used at Reference"
 MEASURE = "Measure this computer"
 MEASURE_TIP = "Some minutes in a helper process; the terminal measures more settings of each method"
 
@@ -67,7 +67,7 @@ class SettingsTable(WrappedTable):
 
     def __init__(self) -> None:
         super().__init__("Settings of the method, cheapest first", _HEADINGS, stretched=(1,), right=(0, 2, 3))
-        self.explain({_HEADINGS.index("Use"): USES})
+        self.explain({_HEADINGS.index("Use"): _USES})
 
     def show_chart(self, chart: MethodChart | None) -> None:
         """Show another method's settings."""

@@ -295,6 +295,7 @@ def recordings(window: MainWindow) -> list[Command]:
         command("Correct its readings …", "readings"),
         command("Rename it …", "rename"),
         command("Write a note on it …", "note", also="comment"),
+        command("Add a marker to it …", "marker", also="event moment"),
         command("State its metadata …", "metadata", also="customer item serial number ambient"),
         command("Resume this run", "resume"),
         command("Replay it in real time", "replay"),

@@ -31,7 +31,8 @@ class Port:
         self.while_sending: Callable[[Command], None] = lambda _: None
         self.works = True
 
-    def __call__(self, command: Command, _feeds: bool) -> bool:
+    def __call__(self, command: Command, feeds: bool) -> bool:
+        assert not feeds  # a heartbeat alone is written past the turn of others
         self.while_sending(command)
         self.left.append(command)
         return self.works

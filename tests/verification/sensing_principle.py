@@ -1,14 +1,19 @@
 """Whether any actuator that agrees with the paper bends its guides more on elongation, and follows the calibrations.
 
-    python -m tests.verification.sensing_principle --seconds 2400 --out FOLDER
+    python -m tests.verification.sensing_principle --seconds 240 --out drawn.jsonl
+    python -m tests.verification.sensing_principle --climb curvature --seconds 300 --out curvature.jsonl
+    python -m tests.verification.sensing_principle --climb light --seconds 130 --out light.jsonl
+    python -m tests.verification.sensing_principle --climb light --start light.jsonl --rays 10000 --out finer.jsonl
+    python -m tests.verification.sensing_principle --draw *.jsonl --out sensing.png
 
 What the paper leaves open (cells, belly, wall, lattice's nu, envelope) is drawn from ranges, the lattice's E from its
 18.34 +- 1.86 kPa. Neck and modulus of the wall are solved, with the finite elements, so that +50 kPa gives +3.80 mm and
--40 kPa gives -2.70 mm. Kept is what is stable at -40 kPa, has a wall as stiff as printed elastomers, and loses its
-stability above LOWEST_LIMIT_KPA. In each of these actuators guides with greatest distances from the axis and end pieces
-that end on nodes of the lattice are moved through the 15 states, and the light of the paper's pattern is traced.
+-40 kPa gives -2.70 mm. Kept is what is stable at -40 kPa and has a wall as stiff as printed elastomers; where it loses
+its stability, down to LOWEST_LIMIT_KPA, is noted. In each of these actuators guides with greatest distances from the
+axis and end pieces that end on nodes of the lattice are moved through the 15 states, and the light of the paper's
+pattern is traced.
 
-Rejection needs no surrogate and no convergence: a sample costs about 0.2 s.
+Rejection needs no surrogate and no convergence: a sample costs about 0.3 s.
 """
 
 from __future__ import annotations

@@ -197,7 +197,7 @@ def _shared(step: float, at: float, jittered: bool) -> float:
 @compiled
 def fan_step(cone_deg: float, rays: int, thickness_mm: float) -> float:
     """Return the step of a fan over the angle within which neighbouring rays end alike."""
-    return cone_deg / rays / (CORRELATION_DEG_PER_MM2 * thickness_mm * thickness_mm)
+    return cone_deg / rays / (CORRELATION_DEG_PER_MM2 * (thickness_mm * thickness_mm))
 
 
 @inside

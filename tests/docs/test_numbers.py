@@ -1,0 +1,139 @@
+"""Numbers of the documents beside what the commands named there compute now."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from analysis.signal_prediction.prediction import published_prediction
+from boat_daq.cli import app
+from tests.docs.pages import ROOT
+
+OPTICS, PAPER = "docs/reproduction/optics.md", "docs/reproduction/paper.md"
+SHADOW, TRACER = "analysis/shadow/METHODS.md", "analysis/optics/METHODS.md"
+
+
+def called(*words: str) -> Any:
+    """Return the JSON object of a command."""
+    result = CliRunner().invoke(app, [*words, "--json"], catch_exceptions=False)
+    assert result.exit_code == 0, result.stderr
+    return json.loads(result.stdout)
+
+
+def cells(page: str, row: str) -> list[str]:
+    """Return the cells of the row of a page's table that begins so."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    found = re.search(rf"^\| *{re.escape(row)} *\|(.*)\|$", text, re.MULTILINE)
+    assert found, f"{page} has no row {row!r}"
+    return [cell.strip() for cell in found[1].split("|")]
+
+
+def says(page: str, text: str) -> None:
+    """Assert that a page holds a text, wherever its lines break."""
+    assert text in " ".join((ROOT / page).read_text(encoding="utf-8").split())
+
+
+def test_baselines_beside_the_light_are_those_of_twin_predict() -> None:
+    """Four fits of both published cubics."""
+    rows = {
+        "light of the default actuator": [f"{one.before.r2:.3f}" for one in published_prediction()],
+        "the same, with a loss of the guide (at its bound)": [f"{one.after.r2:.3f}" for one in published_prediction()],
+        "straight line in elongation": [f"{one.line.r2:.3f}" for one in published_prediction()],
+        "parabola in elongation": [f"{one.parabola.r2:.4f}" for one in published_prediction()],
+    }
+    for name, r2 in rows.items():
+        assert cells(OPTICS, name)[:2] == r2
+    assert all(one.after.at_bound for one in published_prediction())
+
+
+def test_limits_of_the_shadow_are_those_of_shadow_solve() -> None:
+    """Where the default actuator buckles, and its ends."""
+    found = called("shadow", "solve", "--pressure", "-40")
+    says(SHADOW, f"becomes oval (n = 2) at {found['critical_pressure_kpa']:.1f} kPa")
+    assert cells(PAPER, "shadow: pressure of buckling")[2] == f"{found['critical_pressure_kpa']:.1f}"
+    ends = [found["elongation_mm"], called("shadow", "solve", "--pressure", "50")["elongation_mm"]]
+    assert cells(PAPER, "shadow: elongation at -40 and +50 kPa")[2] == ", ".join(f"{x:+.5f}" for x in ends)
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(1800)
+def test_ranks_are_those_of_optics_sweep(tmp_path: Path) -> None:
+    """The default reading without a turn, with 1,000 rays, and the rows of the number of rays up to 1,000."""
+    first, finer = called("optics", "sweep"), called("optics", "sweep", "--rays", "1000")
+    ranks, more = first["paper_optimum"]["ranks"], finer["paper_optimum"]["ranks"]
+    row = cells(OPTICS, "none")
+    assert row[0].startswith(f"{ranks['all']['rank']} of {ranks['all']['of']} ")
+    assert row[1].startswith(f"{ranks['paper_map']['rank']} of {ranks['paper_map']['of']} ")
+    assert row[2] == f"{more['all']['rank']}, {more['paper_map']['rank']}"
+    assert more["same_cavities"]["rank"] == 1
+    assert cells(PAPER, "rank of the paper's pattern among the 36 of figure 3D")[2] == str(ranks["paper_map"]["rank"])
+    scene = tmp_path / "scene.toml"
+    scene.write_text("secondary = 100\n")
+    for rays, name in ((250, "250"), (1000, "1,000")):
+        found = called("optics", "sweep", "--rays", str(rays), "--scene", str(scene))
+        best, row = found["best"], cells(OPTICS, name)
+        keys = ("cavities", "width_mm", "depth_mm", "spacing_mm")
+        assert [float(value) for value in row[0].split(",")] == [best[key] for key in keys]
+        assert row[1] == "{:.1f} ({:.1f} to {:.1f})".format(best["p"], *best["p_ci"])
+        assert row[2] == f"{len(found['tied_with_best'])} of 648"
+        assert row[3] == f"{found['paper_optimum']['p']:.2f}"
+        assert row[4] == str(found["paper_optimum"]["rank"])
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(1800)
+def test_bending_and_light_are_those_of_shadow_chain() -> None:
+    """Curvature of the guides, change of the light, R2 beside line and parabola."""
+    found = called("shadow", "chain")
+    curvature, signal = found["curvature_per_mm"], found["signal"]
+    for page in (OPTICS, SHADOW):
+        says(page, f"curvature {curvature[0]:.4f} to {curvature[-1]:.4f} per mm")
+    says(TRACER, f"falls by {-signal['light_change_percent']:.0f} % over the range")
+    says(OPTICS, f"by {-signal['light_change_percent']:.0f} %, so that the model follows")
+    one = signal["sensors"][0]
+    says(TRACER, f"R^2 is {one['r2']:.2f}; a straight line in elongation has {one['line_r2']:.2f}, a parabola ")
+    says(TRACER, f"{one['parabola_r2']:.4f}. The remainder")
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(1800)
+def test_readings_are_those_of_reproduce_optics() -> None:
+    """Ranks of every single change of the default reading, and the range over all readings."""
+    outcomes = called("reproduce", "optics")["readings"]
+    axes = {"face": "outer", "thickness_mm": 2.0, "states": "-40 to +50 kPa", "emission": "uniform"}
+    names = {"emission": {"lambertian": "emission: Lambertian"}, "states": {"-50 to +50 kPa": "curves: -50 to +50 kPa",
+             "formula": "curves: formula"}, "thickness_mm": {1.5: "thickness: 1.5 mm"},
+             "face": {face: f"face: {face}" for face in ("inner", "both", "midline")}}  # fmt: skip
+    paper = [one for one in outcomes if one["rays"] == 250]
+    for one in outcomes:
+        changed = [axis for axis, value in axes.items() if one[axis] != value]
+        if len(changed) > 1 or (one["rays"] == 250 and one["fans"] == 1):
+            continue
+        row = cells(OPTICS, names[changed[0]][one[changed[0]]] if changed else "none")
+        ranks, mapped = one["ranks"]["all"], one["ranks"]["paper_map"]
+        if one["rays"] == 250:
+            for cell, rank in zip(row[:2], (ranks, mapped), strict=True):
+                assert cell == f"{rank['rank']} of {rank['of']} ({rank['low']} to {rank['high']})"
+        else:
+            assert row[2 if one["by"] == "count" else 3] == f"{ranks['rank']}, {mapped['rank']}"
+    every = [one["ranks"]["all"]["rank"] for one in paper if one["fans"] == 1]
+    assert cells(OPTICS, "all 48 readings")[0].startswith(f"{min(every)} to {max(every)}, ")
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(1800)
+def test_the_table_of_the_paper_is_that_of_reproduce(tmp_path: Path) -> None:
+    """Computed rows are equal; those of sensors, whose noise differs, are within their two intervals."""
+    rows = {row["quantity"]: row for row in called("reproduce", "--out", str(tmp_path))["rows"]}
+    for name in (f"sensor {n}: {what}" for n in (1, 2) for what in ("b0", "b1", "b2", "b3", "sensitivity", "SNR")):
+        row, shown = rows[name], cells(PAPER, name)
+        assert abs(float(shown[2]) - row["ours"]) < 2.0 * (row["high"] - row["low"])
+        assert float(shown[1]) == pytest.approx(row["paper"], rel=1e-5)
+    best = [f"{rows[f'best pattern: {name}']['ours']:.1f}" for name in ("width", "depth", "spacing")]
+    best.insert(0, f"{rows['best pattern: cavities']['ours']:.0f}")
+    assert cells(PAPER, "best pattern: cavities, width, depth, spacing")[2] == ", ".join(best)

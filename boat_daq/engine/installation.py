@@ -62,7 +62,7 @@ def address_of(label: str) -> str:
     return ""
 
 
-USES = {  # by distribution; what is not listed belongs to the commands
+_USES = {  # by distribution; what is not listed belongs to the commands
     "pyside6-essentials": "window", "shiboken6": "window", "pyqtgraph": "window",
     "numpy": "calibration", "scipy": "calibration", "pandas": "calibration", "emcee": "calibration",
     "python-dateutil": "calibration",
@@ -77,7 +77,7 @@ def installed_sizes() -> list[tuple[str, str, int]]:
     """Return name, use and bytes on disk of this program and of each library that it requires, the largest first."""
     sizes: dict[str, int] = {}
     _add_sizes("boat-daq", sizes)
-    return sorted(((name, USES.get(name, "commands"), size) for name, size in sizes.items()), key=lambda row: -row[2])
+    return sorted(((name, _USES.get(name, "commands"), size) for name, size in sizes.items()), key=lambda row: -row[2])
 
 
 def _add_sizes(name: str, sizes: dict[str, int]) -> None:

@@ -177,7 +177,8 @@ def _insert(db: sqlite3.Connection, table: str, columns: str, values: tuple[Any,
 def _again(file: Path, original: bytes, meta: dict[str, Any], options: dict[str, Any]) -> Recording:
     """Return the run of the kept bytes of one file, or of two that follow each other."""
     if not meta.get("import_files"):
-        return import_csv(file, columns=meta["import_map"], stated=meta, **options)
+        columns = meta.get("import_columns", meta["import_map"])  # older recordings have the map alone
+        return import_csv(file, columns=columns, stated=meta, **options)
     length = int(meta["import_bytes"])
     files = [file.with_name(f"{n}.table") for n in (1, 2)]
     for path, raw in zip(files, (original[:length], original[length:]), strict=True):

@@ -91,7 +91,7 @@ def import_csv(
     wanted = {**(load_profile(profile) if profile else {}), **(columns or {})}
     spared = ({"time_s"} if rate_hz is not None else set()) | ({"pressure_kpa"} if signals_only else set())
     values, meta = _run_values(path, wanted, spared, rate_hz, separator, skip, stated)
-    return _assembled(values, meta, path)
+    return _assembled(values, meta | {"import_columns": wanted}, path)
 
 
 def import_two(

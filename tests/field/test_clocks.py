@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from analysis.data.boat_writer import first_difference, write_boat_file
 from analysis.data.csv_import import import_csv
 from protocol.base.errors import BoatDaqError
 from tests.field.truth import HEAD, Lines, Run, is_the_truth, put
@@ -94,7 +95,10 @@ OWN: dict[str, tuple[Lines, str]] = {
 def test_other_clocks(tmp_path: Path, run: Run, name: str) -> None:
     """Each gives the known figures, and what was done is said."""
     write, said = OWN[name]
-    is_the_truth(put(tmp_path, write(run)), said)
+    path = put(tmp_path, write(run))
+    is_the_truth(path, said)
+    write_boat_file(tmp_path / "a.boat", import_csv(path), original=path)
+    assert first_difference(tmp_path / "a.boat") == ""
 
 
 def test_a_date_that_may_be_two_needs_its_order(tmp_path: Path, run: Run) -> None:

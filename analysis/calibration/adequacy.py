@@ -137,7 +137,7 @@ class Adequacy:
             return self.chosen.u(x)
         middle, variance = self.average(x), np.zeros(np.shape(x))
         for weight, fit in self.averaged:
-            between = 0.0 if fit is self.chosen else fit.between_positions_sd()
+            between = fit.between_positions_sd() if fit.misfit_sd == 0.0 or fit is not self.chosen else 0.0
             variance = variance + weight * (fit.u(x) ** 2 + between**2 + (fit.predict(x) - middle) ** 2)
         return np.asarray(np.sqrt(variance), dtype=np.float64)
 
@@ -201,7 +201,7 @@ def judge_curve(chosen: JointFit) -> Adequacy:
     low, high = chosen.ends
     at = np.linspace(low, high, _CURVE_POINTS)
     apart = chosen.predict(at) - preferred.fit.predict(at)
-    remainder = float(np.sqrt(np.mean(apart**2))) if richer else chosen.misfit_sd
+    remainder = float(np.sqrt(np.mean(apart**2))) if richer else chosen.misfit_sd or chosen.between_positions_sd()
     full_scale = abs(float(preferred.fit.predict(high) - preferred.fit.predict(low)))
     percent = 100.0 * remainder / full_scale if full_scale > 0 else 0.0
     if not p_value < DOUBTFUL:  # also where nothing was left to test by

@@ -87,6 +87,8 @@ def main(folder: Path) -> None:
     QTest.qWait(2000)
     film.save(ROOT / "docs" / "images" / "calibration.gif")
     scenario.keep("calibration")
+    scenario.click(window.pages[Tab.CALIBRATION].accept)
+    scenario.until(lambda: model.live.inverse is not None, "the live elongation", 60)
     scenario.click(window.navigation.buttons[Page.RECORDINGS])
     runs = window.pages[Page.RECORDINGS]
     scenario.until(lambda: runs.list.rowCount() > 0, "the list of runs")

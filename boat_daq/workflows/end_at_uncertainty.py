@@ -72,6 +72,7 @@ class EnoughCycles:
         self._session, self._enter, self._report = session, enter, report
         self._cycles = 0
         self._job: Job | None = None
+        self._unwritten: int | None = None  # what of a cycle that is to be assessed may not be in the file yet
         self._stopping = False  # whether the run holds at the end of its cycles
         self.asked: dict[str, float] = {}
         self.known: StopAssessment | None = None
@@ -105,6 +106,7 @@ class EnoughCycles:
             if self._stopping and snapshot.state is SessionState.RUNNING:
                 self._session.stop_at_cycles(on=False)
             self._job, self._cycles, self.unknown, self._stopping = None, 0, "", False
+            self._unwritten = None
             self.known = self.known if snapshot.state is SessionState.FINISHING else None
             return
         if not progress.complete_cycles:
@@ -117,7 +119,19 @@ class EnoughCycles:
             self._job = None
         if self._job is None and progress.complete_cycles > self._cycles and snapshot.recording is not None:
             self._cycles = progress.complete_cycles
+            self._enter_readings()
+        if self._unwritten is not None and self._session.written(self._unwritten):
+            self._unwritten = None
             self._begin(snapshot, asked[0])
+
+    def _enter_readings(self) -> None:
+        """Enter the readings of the cycle; it is assessed once they and its samples are in the file."""
+        try:
+            self._enter()
+        except RequestError as error:
+            self._not_known(error.cause)
+            return
+        self._unwritten = self._session.taken()
 
     def _begin(self, snapshot: SessionSnapshot, asked: float) -> None:
         """Start to assess the run."""
@@ -126,12 +140,6 @@ class EnoughCycles:
         self.ended_by = None
         assert snapshot.recording is not None
         assert snapshot.plan is not None
-        try:
-            self._enter()
-        except RequestError as error:
-            self._not_known(error.cause)
-            return
-        self._session.flush()
         plan = snapshot.plan
         self._job = Job(
             ASSESSING, assess_run, snapshot.recording, asked, plan.cycles, repeats=plan.kind == "continuous"

@@ -193,6 +193,16 @@ class Recorder:
             target = self._taken
             return self._changed.wait_for(lambda: self._committed >= target, timeout_s)
 
+    def taken(self) -> int:
+        """Return the number of items handed over so far, for `committed`."""
+        with self._changed:
+            return self._taken
+
+    def committed(self, taken: int) -> bool:
+        """Whether the items up to that number are in the file."""
+        with self._changed:
+            return self._committed >= taken
+
     def close(self, end: RunEnd, cause: str = "") -> Path:
         """Commit the rest, close into one file, check it, and return its path. May be called twice."""
         with self._changed:

@@ -52,7 +52,6 @@ if TYPE_CHECKING:
     from boat_daq.engine.simulator.in_process import BoardInThread
 
 VENTING_WAIT_S = 5.0
-_FLUSH_S = 0.2
 _POLL_S = 0.01
 _NO_LINK = (LinkState.CLOSED, LinkState.FAILED)
 _RUN_OVER = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
@@ -355,11 +354,15 @@ class Session:
         with self._acting() as control:
             control.sequencer.next_cycle()
 
-    def flush(self) -> None:
-        """Wait, a fifth of a second at most, until all samples and marks so far are in the recording."""
+    def taken(self) -> int:
+        """Return how much was handed to the recording so far, for `written`."""
         recorder = self._journal.recorder
-        if recorder is not None:
-            recorder.flush(_FLUSH_S)
+        return recorder.taken() if recorder is not None else 0
+
+    def written(self, taken: int) -> bool:
+        """Whether what was handed over until then is in the recording."""
+        recorder = self._journal.recorder
+        return recorder is None or recorder.committed(taken)
 
     def vent(self, cause: str | None = None) -> None:
         """Vent now, in any state, from any thread.

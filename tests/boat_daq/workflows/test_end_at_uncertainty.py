@@ -69,7 +69,7 @@ def model(ended: list[str], held: list[Any], monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(Done, "failure", None)
     session = SimpleNamespace(
         finish_early=ended.append, hold_at=held.append, stop_at_cycles=lambda on: None, next_cycle=lambda: None,
-        flush=lambda: None,
+        taken=lambda: 1, written=lambda taken: True,
     )  # fmt: skip
     made = EnoughCycles(cast(Any, session))
     made.ask(0.08, "mm")

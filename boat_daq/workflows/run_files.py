@@ -95,8 +95,6 @@ def import_files(
     from analysis.data.csv_import import import_csv, import_two
 
     if text_profile is not None:
-        from boat_daq.workflows.text_capture import import_capture
-
         recording = import_capture(paths[0], text_profile)
     elif len(paths) == 1:
         recording = import_csv(paths[0], columns=columns, **options)

@@ -16,8 +16,8 @@ from tests.analysis.segmentation.drives import LOW_KPA, SPAN_KPA, Drive
 def test_strokes_of_real_data_meet_the_reference(shared_data: Path) -> None:
     """All six files of the pneumatic set: 10 strokes each way, figures within 2 %, holes and 62 Hz included.
 
-    The reference tells the branches by the sign of each step, so that noise puts samples on the wrong one: its half
-    width is up to 2.6 % smaller.
+    The reference tells the branches by the sign of each step. Noise gives up to 0.9 % of the samples the wrong sign,
+    which makes its half width up to 2.6 % smaller.
     """
     folder = shared_data / "zillen_pneumatic"
     for name, truth in json.loads((folder / "expected.json").read_text())["files"].items():

@@ -23,6 +23,7 @@ from protocol.base.arrays import FloatArray, IntArray
 _BY_CHANCE = 1e-3  # of such trends in settled holds
 _PARTS = 4  # of a hold
 _TIMES = (0.2, 10.0, 24)  # time constants tried, in lengths of a hold, and their number
+_LONGEST_EXPONENT = 60.0  # beyond it a creep is over, whatever its size
 _ITERATIONS, _MOST_CREEP = 3, 0.5
 _MARGIN = 1.2  # of what is still to come: an elongation creeps, the signal follows its curve
 _WITHIN = 3.84  # of chi-square: 95 % of the profile likelihood
@@ -146,7 +147,7 @@ def _creep(
 def _gamma(lag: FloatArray, time_s: FloatArray, signal: FloatArray, tau: float) -> tuple[float, float, FloatArray]:
     """Return gamma, its standard error and the course of holds of such lags, [holds]."""
     middle = np.asarray([0.5 * (time_s[:, 0] + time_s[:, -1])]).T
-    shape = -lag[:, None] * np.exp(-(time_s - middle) / tau)
+    shape = -lag[:, None] * np.exp(np.minimum(-(time_s - middle) / tau, _LONGEST_EXPONENT))
     shape = shape - shape.mean(axis=1, keepdims=True)
     products, squares = (shape * signal).sum(axis=1), (shape**2).sum(axis=1)
     whole = float(squares.sum())

@@ -11,6 +11,7 @@ import pytest
 from analysis import Options, Recording, analyse
 from analysis.figures.pipeline import Analysis
 from analysis.numbers import finite
+from analysis.segmentation.settling import _gamma
 from analysis.warning import WarningCode
 from tests.analysis.boat_builder import PAPER, Plant, Staircase
 
@@ -111,3 +112,14 @@ def test_a_run_without_holds_is_not_tested() -> None:
     plain = STAIRS.plant.run(pressure, np.zeros(pressure.size, bool), np.zeros(pressure.size))
     analysis = analyse(plain, options=Options(mcmc=False, fidelity="draft"))
     assert finite(analysis.to_json())["sensors"][0]["settling"]["settled"] is None
+
+
+def test_a_hold_of_an_hour_has_no_creep_left() -> None:
+    """Beside holds of seconds, whose time constants are tried, its course is finite; a warning would be an error."""
+    quarters = np.linspace(0.125, 0.875, 4)
+    time_s = np.stack([2.5 * quarters, 3600.0 * quarters])
+    signal = np.stack([-np.exp(-(time_s[0] - 1.25) / 0.5), np.zeros(4)])
+    signal -= signal.mean(axis=1, keepdims=True)
+    gamma, standard_error, course = _gamma(np.array([1.0, 0.0]), time_s, signal, tau=0.5)
+    assert gamma == pytest.approx(1.0)
+    assert np.isfinite(standard_error) and np.isfinite(course).all()

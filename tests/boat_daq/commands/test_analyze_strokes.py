@@ -52,7 +52,7 @@ PUBLISHED = ("Circle_3bar", "Circle_4bar", *(f"O-ring257_{bar}bar" for bar in (1
 def test_published_strokes_are_reproduced(shared_data: Path, name: str) -> None:
     """An actuator driven by displacement, imported by its columns: the independent reference within 1 %.
 
-    Its half width is up to 2.6 % smaller: it tells the branches by the sign of each step, wrong for up to 0.9 % of them.
+    Its half width is up to 2.6 % smaller: the sign of each step tells it the branch, wrong for up to 0.9 %.
 
     Its force passes the middle only where the stroke turns: along the drive the loop is nearly as wide as the stroke
     there, and half of that is what is reported.

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gc
+import itertools
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import pytest
@@ -12,6 +15,18 @@ from tests.boat_daq.gui.windows import RAMPING, close_all
 
 if TYPE_CHECKING:
     from boat_daq.gui.main_window import MainWindow
+
+
+_TESTS = itertools.count(1)
+
+
+@pytest.fixture(autouse=True)
+def _garbage_between_tests() -> Iterator[None]:
+    """Collect garbage between tests, as the window does between events: within a call of Qt it can wait for ever."""
+    gc.disable()
+    yield
+    gc.collect(2 if next(_TESTS) % 20 == 0 else 1)
+    gc.enable()
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QComboBox, QDialog, QGridLayout, QPlainTextEdit, Q
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.viewmodels.common.notices import Notice
 from boat_daq.viewmodels.common.services import Panel, Services
@@ -37,55 +37,55 @@ class ConnectPanel(QDialog):
         self.port.setEditable(True)
         self.port.setAccessibleName("Port")
         hint = "a port, socket://HOST:PORT or replay:FILE"
-        self.port.setLineEdit(widgets.field("Port", on_enter=self.connect_board, placeholder=hint))
+        self.port.setLineEdit(controls.field("Port", on_enter=self.connect_board, placeholder=hint))
         self.port.activated.connect(lambda _: self._propose_unit())
-        self.unit = widgets.field("Unit connected to the board", connection.bench_unit, width=3 * style.CONTROL_HEIGHT)
+        self.unit = controls.field("Unit connected to the board", connection.bench_unit, width=3 * style.CONTROL_HEIGHT)
         last = str(services.preferences.get("profile", ""))  # empty for a board that speaks the BOAT protocol
         self.profile = QPlainTextEdit(last, tabChangesFocus=True, placeholderText=PROFILE_HINT)
         self.profile.setAccessibleName("Profile of another firmware")
         self.profile.setProperty("role", "paste")  # its height is set in the style sheet
-        self.virtual_unit = widgets.choice("Unit of the virtual board", [(u, u) for u in VIRTUAL_UNITS])
-        self.sensors = widgets.choice("Number of sensors of the virtual board", _SENSORS)
-        self.speed = widgets.choice("Speed of the virtual board", _SPEEDS)
-        self.setLayout(widgets.column(self._board(), self._virtual(), spacing=style.CARD_PADDING))
+        self.virtual_unit = controls.choice("Unit of the virtual board", [(u, u) for u in VIRTUAL_UNITS])
+        self.sensors = controls.choice("Number of sensors of the virtual board", _SENSORS)
+        self.speed = controls.choice("Speed of the virtual board", _SPEEDS)
+        self.setLayout(controls.column(self._board(), self._virtual(), spacing=style.CARD_PADDING))
 
     def _board(self) -> QWidget:
         identity = "Known boards are found automatically. Choose the port of a new one."
-        self.none = widgets.label("\u25b2 No port found. Plug in the board, then rescan.", "muted", wrap=True)
-        self.connect_button = widgets.button("Connect", self.connect_board, "primary")
-        self.disconnect_button = widgets.button("Disconnect", self.disconnect_board)
-        self.refused = widgets.label("", "", wrap=True, name="Why it is not connected")
-        widgets.set_state(self.refused, "fault")
+        self.none = controls.label("\u25b2 No port found. Plug in the board, then rescan.", "muted", wrap=True)
+        self.connect_button = controls.button("Connect", self.connect_board, "primary")
+        self.disconnect_button = controls.button("Disconnect", self.disconnect_board)
+        self.refused = controls.label("", "", wrap=True, name="Why it is not connected")
+        controls.set_state(self.refused, "fault")
         self.refused.hide()
         grid, top = QGridLayout(), Qt.AlignmentFlag.AlignTop
         for i, (text, control) in enumerate(
             (("Port", self.port), ("Unit", self.unit), ("Other firmware", self.profile))
         ):
-            grid.addWidget(widgets.label(text), i, 0, top if control is self.profile else Qt.AlignmentFlag(0))
+            grid.addWidget(controls.label(text), i, 0, top if control is self.profile else Qt.AlignmentFlag(0))
             grid.addWidget(control, i, 1)
-        grid.addWidget(widgets.button("Rescan", self.rescan), 0, 2)
+        grid.addWidget(controls.button("Rescan", self.rescan), 0, 2)
         describe = partial(self.services.show, Panel.PROFILE)
         tip = "Propose a profile from what the board prints"
-        own = (widgets.button("Open …", self._open_profile), widgets.button("Describe …", describe, tip=tip))
-        grid.addLayout(widgets.column(*own, None), 2, 2)
+        own = (controls.button("Open …", self._open_profile), controls.button("Describe …", describe, tip=tip))
+        grid.addLayout(controls.column(*own, None), 2, 2)
         grid.setColumnStretch(1, 1)
-        return widgets.card(
-            widgets.label("A board", "subtitle"),
-            widgets.label(identity, "muted", wrap=True),
+        return controls.card(
+            controls.label("A board", "subtitle"),
+            controls.label(identity, "muted", wrap=True),
             self.none,
             grid,
             self.refused,
-            widgets.row(None, self.disconnect_button, self.connect_button),
+            controls.row(None, self.disconnect_button, self.connect_button),
         )[0]
 
     def _virtual(self) -> QWidget:
         explanation = "A simulated unit, pump and board for practice. All its data are marked SIMULATED."
-        self.virtual_button = widgets.button("Start the virtual board", self.start_virtual)
-        return widgets.card(
-            widgets.label("The virtual board", "subtitle"),
-            widgets.label(explanation, "muted", wrap=True),
-            widgets.row(self.virtual_unit, self.sensors, self.speed, None),
-            widgets.row(None, self.virtual_button),
+        self.virtual_button = controls.button("Start the virtual board", self.start_virtual)
+        return controls.card(
+            controls.label("The virtual board", "subtitle"),
+            controls.label(explanation, "muted", wrap=True),
+            controls.row(self.virtual_unit, self.sensors, self.speed, None),
+            controls.row(None, self.virtual_button),
         )[0]
 
     def open_fresh(self) -> None:
@@ -131,7 +131,7 @@ class ConnectPanel(QDialog):
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the boards that have answered, and whether there is a link to close."""
-        widgets.allow(self.disconnect_button, "" if snapshot.port is not None else "Nothing is connected.")
+        controls.allow(self.disconnect_button, "" if snapshot.port is not None else "Nothing is connected.")
         if self.isVisible() and self.connection.take_answers():
             self.list_ports()
 

@@ -16,7 +16,7 @@ from PySide6.QtWidgets import QButtonGroup, QPlainTextEdit, QProgressBar, QPushB
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.recording_badge import RecordingBadge
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.file_dialogs import open_path
 from boat_daq.viewmodels.common.notices import TITLES, Notice, Notices, Severity
 from boat_daq.viewmodels.common.services import Page, Panel, Services
@@ -57,12 +57,12 @@ class Header(QWidget):
         self.connection, self.unit_in_use = connection, unit
         self.recording = RecordingBadge(recording, services)
         self.setFixedHeight(style.HEADER_HEIGHT)
-        self.simulated = widgets.label("SIMULATED", "simulated", name="This board is simulated")
-        self.link = widgets.button("", partial(services.show, Panel.CONNECT), name="Connection", tip=CHOOSE)
-        self.figures = [widgets.label("", "muted") for _ in range(_FIGURES)]
-        self.unit = widgets.button("", partial(services.show, Page.RECORDINGS), name="Unit and calibration")
+        self.simulated = controls.label("SIMULATED", "simulated", name="This board is simulated")
+        self.link = controls.button("", partial(services.show, Panel.CONNECT), name="Connection", tip=CHOOSE)
+        self.figures = [controls.label("", "muted") for _ in range(_FIGURES)]
+        self.unit = controls.button("", partial(services.show, Page.RECORDINGS), name="Unit and calibration")
         show_outlets = partial(services.show, Panel.OUTLETS)
-        self.outlets = widgets.button("", show_outlets, "outlets", name="Streams and remote control")
+        self.outlets = controls.button("", show_outlets, "outlets", name="Streams and remote control")
         self.outlets.hide()
         self._open_outlets = outlets.view()
         self._unit_text = ""
@@ -71,11 +71,11 @@ class Header(QWidget):
         self.vent = vent_button(vents.this)
         self.vent_all = vent_all_button(vents.all)
         self.vent_all.hide()
-        self.brand = widgets.label("boat-daq", "brand")
+        self.brand = controls.label("boat-daq", "brand")
         left = (self.brand, self.simulated, self.link, *self.figures)
         ends = (style.PAGE_MARGIN, 0, style.PAGE_MARGIN, 0)
         record = self.recording.badge, self.recording.button
-        self.line = widgets.row(
+        self.line = controls.row(
             *left,
             None,
             *record,
@@ -88,7 +88,7 @@ class Header(QWidget):
         )
         for widget in left:
             self.line.setAlignment(widget, Qt.AlignmentFlag.AlignVCenter)
-        widgets.surface(self, "header", self.line)
+        controls.surface(self, "header", self.line)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Leave out what does not fit a narrow window: VENT is never cut."""
@@ -103,7 +103,7 @@ class Header(QWidget):
         calibration, link figures without a warning from the last on, the calibration.
         """
         wide = self.width() >= style.NARROW_BELOW
-        widgets.set_text(self.vent_all, "ALL   Shift+F4" if wide else "ALL")
+        controls.set_text(self.vent_all, "ALL   Shift+F4" if wide else "ALL")
         self._short = 0
         self._fold()
         shown = [label for label in self.figures if label.text()]
@@ -139,14 +139,14 @@ class Header(QWidget):
         self.brand.setVisible(wide)
         for label in self.figures:
             label.setVisible(label in shown)
-        widgets.set_text(self.unit, names[0])
+        controls.set_text(self.unit, names[0])
 
     def _fold(self) -> None:
         """Show recording and outlets as short as they must be."""
         self.recording.fold(short=self._short > 0)
         outlets = self._open_outlets
-        widgets.set_text(self.outlets, (outlets.badge, outlets.short, "\u21c4")[self._short])
-        widgets.set_state(self.outlets, "sign" if self._short == 2 else "", "fold")
+        controls.set_text(self.outlets, (outlets.badge, outlets.short, "\u21c4")[self._short])
+        controls.set_state(self.outlets, "sign" if self._short == 2 else "", "fold")
 
     def _needed(self, shown: Sequence[QWidget], around: int = 1) -> int:
         """Return the width of `shown`, a space after each, and `around` times the margins and one space."""
@@ -165,13 +165,13 @@ class Header(QWidget):
         text = link_text(snapshot)
         words = text.word if not text.who else f"{text.who}  {text.word}"
         starting = "\u25d4  starting the virtual board \u2026"
-        widgets.set_text(self.link, starting if self.connection.starting else f"{text.shape}  {words}")
-        widgets.set_state(self.link, text.state)
+        controls.set_text(self.link, starting if self.connection.starting else f"{text.shape}  {words}")
+        controls.set_state(self.link, text.state)
         self.simulated.setVisible(snapshot.simulated)
         for i, label in enumerate(self.figures):
             figure, state = text.figures[i] if i < len(text.figures) else ("", "")
-            widgets.set_text(label, figure)
-            widgets.set_state(label, state)
+            controls.set_text(label, figure)
+            controls.set_state(label, state)
         self.recording.refresh(snapshot)
         self._refresh_outlets()
         self._unit_text = self.unit_in_use.text(snapshot)
@@ -196,7 +196,7 @@ class Header(QWidget):
     def _refresh_outlets(self) -> None:
         """Show what is streamed and served."""
         view = self._open_outlets = self._outlets.view()
-        widgets.set_state(self.outlets, "warning" if view.control else "")
+        controls.set_state(self.outlets, "warning" if view.control else "")
         self.outlets.setToolTip(f"LSL: {view.streams}\nSECoP: {view.node}\nStreams and remote control")
         self.outlets.setVisible(bool(view.badge))
 
@@ -239,13 +239,13 @@ class Navigation(QWidget):
         self._group = QButtonGroup(self)
         self.buttons: dict[Page, QPushButton] = {}
         for i, name in enumerate(pages, 1):
-            button = widgets.button(name, partial(go, name), "nav", tip=f"Ctrl+{i}")
+            button = controls.button(name, partial(go, name), "nav", tip=f"Ctrl+{i}")
             button.setCheckable(True)
             self._group.addButton(button)
             self.buttons[name] = button
-        keys = widgets.button("?  Keys", show_keys, "nav", name="Show the keys")
-        layout = widgets.column(*self.buttons.values(), None, keys, spacing=0, margins=(0, style.GAP, 0, style.GAP))
-        widgets.surface(self, "navigation", layout)
+        keys = controls.button("?  Keys", show_keys, "nav", name="Show the keys")
+        layout = controls.column(*self.buttons.values(), None, keys, spacing=0, margins=(0, style.GAP, 0, style.GAP))
+        controls.surface(self, "navigation", layout)
 
     def mark(self, name: Page, why: str) -> None:
         """Mark a page that needs the operator, and why; an empty `why` removes the mark."""
@@ -267,23 +267,23 @@ class Strip(QWidget):
         super().__init__()
         self.notices, self.jobs = notices, jobs
         self._shown: Notice | None = None
-        self.mark = widgets.label()
-        self.text = widgets.label(name="What needs attention", wrap=True)
+        self.mark = controls.label()
+        self.text = controls.label(name="What needs attention", wrap=True)
         self.text.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)  # the buttons are never cut
         self._least, self._fitted = style.STRIP_HEIGHT, ("", 0, 0)
-        self.act = widgets.button("", self.apply, name="Apply suggested action")
-        self.more = widgets.button("Details", self._toggle_details, "link")
-        self.open_file = widgets.button("Open", self._open_file, name="Open the saved file")
-        self.folder = widgets.button("Show in folder", self._open_folder, name="Show the saved file in its folder")
-        self.messages = widgets.button("Messages", self.toggle_history, "link", tip="All messages since the start")
+        self.act = controls.button("", self.apply, name="Apply suggested action")
+        self.more = controls.button("Details", self._toggle_details, "link")
+        self.open_file = controls.button("Open", self._open_file, name="Open the saved file")
+        self.folder = controls.button("Show in folder", self._open_folder, name="Show the saved file in its folder")
+        self.messages = controls.button("Messages", self.toggle_history, "link", tip="All messages since the start")
         self.messages.setCheckable(True)
-        self.copy = widgets.button("Copy", self._copy, "link", name="Copy message")
-        self.close_ = widgets.button("Dismiss", self.dismiss, "link", name="Dismiss message")
-        self.behind = widgets.label("", "small")
-        self.work = widgets.label("", "muted", elide=True, least=style.VENT_WIDTH)
+        self.copy = controls.button("Copy", self._copy, "link", name="Copy message")
+        self.close_ = controls.button("Dismiss", self.dismiss, "link", name="Dismiss message")
+        self.behind = controls.label("", "small")
+        self.work = controls.label("", "muted", elide=True, least=style.VENT_WIDTH)
         self.bar = QProgressBar()
         self.bar.setAccessibleName("Progress")
-        self.cancel = widgets.button("Cancel", self.cancel_job, name="Cancel task")
+        self.cancel = controls.button("Cancel", self.cancel_job, name="Cancel task")
         self.details = QPlainTextEdit(readOnly=True)
         self.details.setAccessibleName("Details of the message")
         self.details.setFixedHeight(4 * style.STRIP_HEIGHT)
@@ -295,7 +295,7 @@ class Strip(QWidget):
         policy = self.close_.sizePolicy()
         policy.setRetainSizeWhenHidden(True)
         self.close_.setSizePolicy(policy)
-        line = widgets.row(
+        line = controls.row(
             self.cancel, self.bar, self.work, self.mark, (self.text, 1), self.behind, self.more, self.copy,
             self.folder, self.open_file, self.act, self.close_, self.messages,
             margins=(style.PAGE_MARGIN, 0, style.PAGE_MARGIN, 0),
@@ -303,7 +303,7 @@ class Strip(QWidget):
         self.head = QWidget()
         self.head.setLayout(line)
         self.fold(low=False)
-        widgets.surface(self, "strip", widgets.column(self.head, self.details, spacing=0, margins=(0, 0, 0, 0)))
+        controls.surface(self, "strip", controls.column(self.head, self.details, spacing=0, margins=(0, 0, 0, 0)))
 
     def fold(self, *, low: bool) -> None:
         """Take less height in a low window."""
@@ -328,7 +328,7 @@ class Strip(QWidget):
         if notice is not self._shown:
             self._show(notice)
         waiting = self.notices.waiting()
-        widgets.set_text(self.behind, f"{waiting} more" if waiting else "")
+        controls.set_text(self.behind, f"{waiting} more" if waiting else "")
         running = self.jobs.running()
         crowded = notice is not None and self.width() < style.NARROW_BELOW
         for widget in (self.bar, self.cancel):
@@ -336,7 +336,7 @@ class Strip(QWidget):
         self.work.setVisible(bool(running) and not crowded)
         if running:
             job = running[-1]
-            widgets.set_text(self.work, job.label)
+            controls.set_text(self.work, job.label)
             self.work.setMaximumWidth(max(style.VENT_WIDTH, self.width() // 4))  # the rest is the message's
             self.bar.setToolTip(job.label)
             self.bar.setRange(0, 0 if job.fraction is None else 1000)
@@ -347,8 +347,8 @@ class Strip(QWidget):
     def _show(self, notice: Notice | None) -> None:
         self._shown = notice
         severity = notice.severity.name.lower() if notice else ""
-        widgets.set_state(self, severity, "level")
-        widgets.set_state(self.mark, severity if severity in ("warning", "fault") else "ok")
+        controls.set_state(self, severity, "level")
+        controls.set_state(self.mark, severity if severity in ("warning", "fault") else "ok")
         self.mark.setText(TITLES[notice.severity] if notice else "")
         self.text.setText(notice.sentences if notice else "")
         self.act.setText(notice.action_text if notice else "")

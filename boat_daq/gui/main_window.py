@@ -38,8 +38,7 @@ from boat_daq.gui.results.repeat_page import RepeatPage
 from boat_daq.gui.results.runs_page import RunsPage
 from boat_daq.gui.settings_page import SafeModeBar, SettingsPage
 from boat_daq.gui.style import Theme
-from boat_daq.gui.widgets import controls as widgets
-from boat_daq.gui.widgets import data_table
+from boat_daq.gui.widgets import controls, data_table
 from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.gui.widgets.layouts import PageScroll
 from boat_daq.gui.widgets.panel_guard import PanelGuard
@@ -140,16 +139,16 @@ class MainWindow(QMainWindow):
         return makers[name]()
 
     def _lay_out(self) -> None:
-        content = widgets.column(self._tab_row(), (self.stack, 1), spacing=0)
-        middle = widgets.row(self.navigation, (content, 1), spacing=0)
+        content = controls.column(self._tab_row(), (self.stack, 1), spacing=0)
+        middle = controls.row(self.navigation, (content, 1), spacing=0)
         self.safe_mode = SafeModeBar(self.model.settings, partial(self.go, Tab.VALUES))
-        body = widgets.holder(widgets.column(self.header, self.safe_mode, (middle, 1), self.strip, spacing=0))
+        body = controls.holder(controls.column(self.header, self.safe_mode, (middle, 1), self.strip, spacing=0))
         body.setObjectName("body")
         self.setCentralWidget(body)
 
     def _tab_row(self) -> QWidget:
-        line = widgets.row((self.tabs, 1))
-        self.tab_row = widgets.holder(line)
+        line = controls.row((self.tabs, 1))
+        self.tab_row = controls.holder(line)
         line.setContentsMargins(style.PAGE_MARGIN, style.STEP, style.PAGE_MARGIN, 0)
         self.tab_row.hide()
         return self.tab_row

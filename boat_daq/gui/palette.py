@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QDialog, QGridLayout, QHeaderView, QScrollArea, QT
 
 from boat_daq.gui import style
 from boat_daq.gui.registry import PAGES, Command, Registry
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 
 T = TypeVar("T")
 SHEET = (("Session", "Edit"), ("Run", "View", "Results"), (PAGES, "Help"))  # the menus in columns
@@ -27,7 +27,7 @@ class Palette(QDialog):
         self.over, self.registry = parent, registry
         self.setAccessibleName("Command palette")
         self.setFixedWidth(style.FORM_WIDTH)
-        self.field = widgets.field("Command", on_enter=self._run, placeholder="Type a command")
+        self.field = controls.field("Command", on_enter=self._run, placeholder="Type a command")
         self.list = QTreeWidget(columnCount=2)
         self.list.setAccessibleName("Matching commands")
         self.list.setHeaderHidden(True)
@@ -36,7 +36,7 @@ class Palette(QDialog):
         self.list.header().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
         self.list.header().setSectionResizeMode(1, QHeaderView.ResizeMode.ResizeToContents)
         self.list.setFixedHeight(8 * style.STRIP_HEIGHT)
-        self.setLayout(widgets.column(self.field, self.list))
+        self.setLayout(controls.column(self.field, self.list))
         self.field.textChanged.connect(self._match)
         self.list.itemActivated.connect(lambda _: self._run())
         self.list.itemClicked.connect(lambda _: self._run())
@@ -85,19 +85,19 @@ class ShortcutSheet(QDialog):
         self.over = parent
         self.setWindowTitle("Keys")
         self.setModal(False)
-        self._columns = [widgets.column(spacing=4 * style.STEP) for _ in SHEET]
+        self._columns = [controls.column(spacing=4 * style.STEP) for _ in SHEET]
         self._body = QWidget()
-        self._rows = widgets.row(*self._columns, spacing=8 * style.STEP)
+        self._rows = controls.row(*self._columns, spacing=8 * style.STEP)
         self._body.setLayout(self._rows)
         self._blocks = {
-            menu: widgets.holder(self._block(menu, [c for c in registry.actions if c.menu == menu and c.shortcut]))
+            menu: controls.holder(self._block(menu, [c for c in registry.actions if c.menu == menu and c.shortcut]))
             for menus in SHEET
             for menu in menus
         }
         scroll = QScrollArea()
         scroll.setWidgetResizable(True)
         scroll.setWidget(self._body)
-        self.setLayout(widgets.column(scroll))
+        self.setLayout(controls.column(scroll))
 
     def showEvent(self, event: QShowEvent) -> None:
         """Take the size of all keys, but not more than the window's."""
@@ -125,10 +125,10 @@ class ShortcutSheet(QDialog):
         block = QGridLayout()
         block.setVerticalSpacing(2)
         block.setHorizontalSpacing(4 * style.STEP)
-        block.addWidget(widgets.label(menu, "subtitle"), 0, 0, 1, 2)
+        block.addWidget(controls.label(menu, "subtitle"), 0, 0, 1, 2)
         for i, command in enumerate(lines, 1):
-            block.addWidget(widgets.label(shown(command), "muted"), i, 0)
-            block.addWidget(widgets.label(command.text), i, 1)
+            block.addWidget(controls.label(shown(command), "muted"), i, 0)
+            block.addWidget(controls.label(command.text), i, 1)
         block.setColumnStretch(1, 1)
         return block
 

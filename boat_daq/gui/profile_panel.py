@@ -10,7 +10,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QCheckBox, QComboBox, QDialog, QGridLayout, QLabel, QLineEdit, QScrollArea, QWidget
 
 from boat_daq.gui import style
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.viewmodels.common.services import Services
@@ -45,85 +45,85 @@ class ProfilePanel(QDialog):
         self.setWindowTitle("Describe a board")
         self.setModal(False)
         self.resize(style.FORM_WIDTH + style.PANE_WIDTH_WIDE, style.FORM_HEIGHT)
-        self.raw = widgets.label("", "small", name="What the board prints")
+        self.raw = controls.label("", "small", name="What the board prints")
         self.raw.setObjectName("raw")
         self.raw.setFont(style.fixed_font())
         self.raw.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
-        self.heard, self.summary = widgets.label("", "muted"), widgets.label("", "subtitle", wrap=True)
+        self.heard, self.summary = controls.label("", "muted"), controls.label("", "subtitle", wrap=True)
         self.grid = QGridLayout()
         self.meanings: list[QComboBox] = []  # of the fields in their order, as the units and the scales
         self.units: list[QComboBox] = []
         self.scales: list[QLineEdit] = []
-        self.rx8 = widgets.field("RX8 format", on_enter=self._set_rx8)
+        self.rx8 = controls.field("RX8 format", on_enter=self._set_rx8)
         self.device = {key: self._device_field(key) for key in DEVICE}
         self.falling = QCheckBox("Voltage falls with light")
         self.falling.clicked.connect(lambda: self.model.set_falling(self.falling.isChecked()))
         self.table = DataTable("Preview of the samples")
-        self.remark = widgets.label("", "muted", wrap=True)
+        self.remark = controls.label("", "muted", wrap=True)
         self.commands = {key: self._command_field(key) for key in COMMAND_LABELS}
-        self.dry = {key: widgets.label("", "small", wrap=True) for key in COMMAND_LABELS}
+        self.dry = {key: controls.label("", "small", wrap=True) for key in COMMAND_LABELS}
         pages = ((self._fields_page(), "Fields"), (self._commands_page(), "Commands"))
-        tabs = widgets.tabs("Fields, commands", *pages)
-        seen = widgets.row((self._raw_area(), 1), (widgets.holder(widgets.column(self.remark, self.table)), 1))
+        tabs = controls.tabs("Fields, commands", *pages)
+        seen = controls.row((self._raw_area(), 1), (controls.holder(controls.column(self.remark, self.table)), 1))
         parts = (self._source(), seen, self.summary, (tabs, 1), self._ends())
-        self.setLayout(widgets.column(*parts, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
+        self.setLayout(controls.column(*parts, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
 
     def _source(self) -> QWidget:
         self.port = QComboBox()
         self.port.setEditable(True)
         self.port.setAccessibleName("Port of the board")
-        self.port.setLineEdit(widgets.field("Port of the board", placeholder="a port, or socket://HOST:PORT"))
-        self.listen_button = widgets.button("Listen", self._listen)
-        file = widgets.button("Open a file …", self._open)
-        line = widgets.row(widgets.label("Port"), (self.port, 1), self.listen_button, file)
-        return widgets.holder(widgets.column(widgets.label(_EXPLANATION, "muted", wrap=True), line))
+        self.port.setLineEdit(controls.field("Port of the board", placeholder="a port, or socket://HOST:PORT"))
+        self.listen_button = controls.button("Listen", self._listen)
+        file = controls.button("Open a file …", self._open)
+        line = controls.row(controls.label("Port"), (self.port, 1), self.listen_button, file)
+        return controls.holder(controls.column(controls.label(_EXPLANATION, "muted", wrap=True), line))
 
     def _raw_area(self) -> QScrollArea:
         area = QScrollArea()
         area.setWidgetResizable(True)
         area.setFixedHeight(PREVIEW_HEIGHT)
-        area.setWidget(widgets.inside(widgets.column(self.heard, self.raw, None)))
+        area.setWidget(controls.inside(controls.column(self.heard, self.raw, None)))
         return area
 
     def _fields_page(self) -> QScrollArea:
         self.grid.setColumnStretch(1, 1)
-        rx8 = widgets.row(widgets.label("RX8 format"), (self.rx8, 1))
-        self.rx8_row = widgets.holder(rx8)
+        rx8 = controls.row(controls.label("RX8 format"), (self.rx8, 1))
+        self.rx8_row = controls.holder(rx8)
         self.rx8_row.hide()
         values = [
-            widgets.form([(DEVICE[key][0], self.device[key], DEVICE[key][1]) for key in part])
+            controls.form([(DEVICE[key][0], self.device[key], DEVICE[key][1]) for key in part])
             for part in (("rate_hz", "vref_mv", "adc_bits"), ("low_kpa", "high_kpa"))
         ]
-        columns = [widgets.column(values[0], None), widgets.column(values[1], self.falling, None)]
-        device = widgets.row(columns[0], 2 * style.GAP, columns[1], None)
+        columns = [controls.column(values[0], None), controls.column(values[1], self.falling, None)]
+        device = controls.row(columns[0], 2 * style.GAP, columns[1], None)
         self.table.setFixedHeight(PREVIEW_HEIGHT - style.TITLE_HEIGHT)
-        return _scrolled(widgets.column(self.rx8_row, self.grid, device, None, spacing=style.GAP))
+        return _scrolled(controls.column(self.rx8_row, self.grid, device, None, spacing=style.GAP))
 
     def _commands_page(self) -> QScrollArea:
         grid = QGridLayout()
         grid.setColumnStretch(2, 1)
         for i, (key, text) in enumerate(COMMAND_LABELS.items()):
-            for k, cell in enumerate((widgets.label(text), self.commands[key], self.dry[key])):
+            for k, cell in enumerate((controls.label(text), self.commands[key], self.dry[key])):
                 grid.addWidget(cell, i, k)
-        return _scrolled(widgets.column(widgets.label(COMMANDS_HINT, "muted", wrap=True), grid, None))
+        return _scrolled(controls.column(controls.label(COMMANDS_HINT, "muted", wrap=True), grid, None))
 
     def _ends(self) -> QWidget:
-        self.name = widgets.field("Name of the profile", self.model.name)
+        self.name = controls.field("Name of the profile", self.model.name)
         self.name.textChanged.connect(self._set_name)
-        self.save_button = widgets.button("Save …", self._save)
-        self.use_button = widgets.button("Use it", self._take, "primary", tip="Put it into the connection panel")
-        buttons = (widgets.button("Close", self.close), None, self.save_button, self.use_button)
-        return widgets.holder(widgets.row(widgets.label("Name"), (self.name, 1), *buttons))
+        self.save_button = controls.button("Save …", self._save)
+        self.use_button = controls.button("Use it", self._take, "primary", tip="Put it into the connection panel")
+        buttons = (controls.button("Close", self.close), None, self.save_button, self.use_button)
+        return controls.holder(controls.row(controls.label("Name"), (self.name, 1), *buttons))
 
     def _device_field(self, key: str) -> Any:
-        field = widgets.field(DEVICE[key][0], width=3 * style.CONTROL_HEIGHT)
+        field = controls.field(DEVICE[key][0], width=3 * style.CONTROL_HEIGHT)
         field.editingFinished.connect(lambda: self._attempt(partial(self.model.set_device, key, field.text())))
         if key.endswith("_kpa"):
             field.setToolTip(LIMITS_TIP)
         return field
 
     def _command_field(self, key: str) -> Any:
-        field = widgets.field(f"Template: {COMMAND_LABELS[key]}", placeholder=_HINTS.get(key, ""))
+        field = controls.field(f"Template: {COMMAND_LABELS[key]}", placeholder=_HINTS.get(key, ""))
         field.setFixedWidth(6 * style.CONTROL_HEIGHT)
         field.textEdited.connect(lambda text: self._attempt(partial(self.model.set_command, key, text)))
         return field
@@ -154,21 +154,21 @@ class ProfilePanel(QDialog):
             return
         self._filled = True
         self.services.notices.attempt(self.model.follow)
-        widgets.set_text(self.listen_button, "Stop" if self.model.listening else "Listen")
-        widgets.set_text(self.raw, self.model.raw())
-        widgets.set_text(self.heard, self.model.heard())
+        controls.set_text(self.listen_button, "Stop" if self.model.listening else "Listen")
+        controls.set_text(self.raw, self.model.raw())
+        controls.set_text(self.heard, self.model.heard())
         proposal = self.model.proposal
-        widgets.set_text(self.summary, proposal.summary if proposal is not None else self.model.problem)
+        controls.set_text(self.summary, proposal.summary if proposal is not None else self.model.problem)
         preview, dry = self.model.preview(), self.model.dry_run()
         mark = "" if preview.good else "\u25b2 "
-        widgets.set_text(self.remark, f"{mark}{preview.remark}")
-        widgets.set_state(self.remark, "" if preview.good else "warning")
+        controls.set_text(self.remark, f"{mark}{preview.remark}")
+        controls.set_state(self.remark, "" if preview.good else "warning")
         for button in (self.save_button, self.use_button):
-            widgets.allow(button, "" if preview.rows else preview.remark)
+            controls.allow(button, "" if preview.rows else preview.remark)
         self.table.set_headings(preview.headings, right=range(len(preview.headings)))
         self.table.fill(preview.rows)
         for key, text in dry.items():
-            widgets.set_text(self.dry[key], text)
+            controls.set_text(self.dry[key], text)
         if proposal != self._shown or self._shown is None:
             self._shown = proposal
             self._fill()
@@ -176,20 +176,20 @@ class ProfilePanel(QDialog):
     def _fill(self) -> None:
         """Fill the fields with the proposal, but for those in which the operator types."""
         proposal = self.model.proposal
-        widgets.clear(self.grid)
+        controls.clear(self.grid)
         self.meanings, self.units, self.scales = [], [], []
         fields = proposal.fields if proposal is not None else ()
         for k, text in enumerate(("Printed", "Example", "Meaning", "Unit", "Scale", "") if fields else ()):
-            self.grid.addWidget(widgets.label(text, "muted"), 0, k)
+            self.grid.addWidget(controls.label(text, "muted"), 0, k)
         for i, field in enumerate(fields):
             label = field.label or f"field {i + 1}"
             meaning = _editable(f"Meaning of {label}", meaning_choices(), field.name, partial(self._set, i, "name"))
             unit = _editable(f"Unit of {label}", [(u, u) for u in _UNITS], field.unit, partial(self._set, i, "unit"))
-            scale = widgets.field(f"Scale of {label}", f"{field.scale:g}", width=2 * style.CONTROL_HEIGHT)
+            scale = controls.field(f"Scale of {label}", f"{field.scale:g}", width=2 * style.CONTROL_HEIGHT)
             scale.editingFinished.connect(partial(self._scale, i, scale))
-            guess = widgets.label("\u25b2 guess" if field.guessed else "", "small")
+            guess = controls.label("\u25b2 guess" if field.guessed else "", "small")
             cells: tuple[QLabel | QWidget, ...] = (
-                widgets.label(label), widgets.label(", ".join(field.examples), "muted", elide=True),
+                controls.label(label), controls.label(", ".join(field.examples), "muted", elide=True),
                 meaning, unit, scale, guess,
             )  # fmt: skip
             for k, cell in enumerate(cells):
@@ -252,13 +252,13 @@ class ProfilePanel(QDialog):
 def _scrolled(layout: Any) -> QScrollArea:
     area = QScrollArea()
     area.setWidgetResizable(True)
-    area.setWidget(widgets.inside(layout))
+    area.setWidget(controls.inside(layout))
     return area
 
 
 def _editable(name: str, entries: list[tuple[str, str]], value: str, act: Callable[[str], None]) -> QComboBox:
     """Return a choice whose text may also be typed; `act` takes the value of an entry, or the text."""
-    box = widgets.choice(name, entries)
+    box = controls.choice(name, entries)
     box.setEditable(True)
     box.setInsertPolicy(QComboBox.InsertPolicy.NoInsert)
 
@@ -267,7 +267,7 @@ def _editable(name: str, entries: list[tuple[str, str]], value: str, act: Callab
         act(str(box.itemData(known)) if known >= 0 else box.currentText().strip())
 
     box.activated.connect(lambda *_: chosen())
-    text = widgets.field(name)
+    text = controls.field(name)
     box.setLineEdit(text)
     at = box.findData(value)
     box.setCurrentIndex(at)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from PySide6.QtWidgets import QPushButton
 
 from boat_daq.engine.snapshot import SessionSnapshot
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.file_dialogs import open_folder
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.recording_status import RecordingStatus, RecordingText
@@ -18,25 +18,25 @@ class RecordingBadge:
 
     def __init__(self, status: RecordingStatus, services: Services) -> None:
         self.status = status
-        self.badge: QPushButton = widgets.button("", lambda: open_folder(status.folder, services), "rec")
-        self.button: QPushButton = widgets.button("", status.toggle)
+        self.badge: QPushButton = controls.button("", lambda: open_folder(status.folder, services), "rec")
+        self.button: QPushButton = controls.button("", status.toggle)
         self._text = RecordingText()
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the recording in progress, or that one can be started."""
         self._text = found = self.status.text(snapshot)
-        widgets.set_state(self.badge, found.state)
-        self.badge.setToolTip(widgets.as_words(found.tip))
+        controls.set_state(self.badge, found.state)
+        self.badge.setToolTip(controls.as_words(found.tip))
         self.badge.setAccessibleName(f"Recording: {found.text or 'none'}")
         self.badge.setVisible(bool(found.text))
-        widgets.set_text(self.button, found.button)
-        self.button.setToolTip(widgets.as_words(f"{found.button} ({_KEY})" if found.text else f"{found.tip} ({_KEY})"))
+        controls.set_text(self.button, found.button)
+        self.button.setToolTip(controls.as_words(f"{found.button} ({_KEY})" if found.text else f"{found.tip} ({_KEY})"))
         self.button.setAccessibleName("Stop recording" if found.text else "Record")
         self.button.setVisible(bool(found.button))
 
     def fold(self, *, short: bool) -> None:
         """Show the short text, or the whole one."""
-        widgets.set_text(self.badge, self._text.short if short else self._text.text)
+        controls.set_text(self.badge, self._text.short if short else self._text.text)
 
     def lengths(self) -> tuple[object, ...]:
         """Return what the width depends on: digits have one width."""

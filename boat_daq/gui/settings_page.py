@@ -15,7 +15,7 @@ from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.results.contributions_form import ContributionsForm
 from boat_daq.gui.results.metadata_form import MetadataForm
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.gui.widgets.layouts import Leaves, ReflowingPage
@@ -41,24 +41,24 @@ class ValueRow:
     def __init__(self, about: Described, store: Callable[[str], object], reset: Callable[[], object]) -> None:
         self.about, self._store = about, store
         self._text: str | None = None  # as stored
-        self.label = widgets.label(about.label)
-        self.refused = widgets.label("", "small", wrap=True, name=f"Why {about.label} is refused")
-        widgets.set_state(self.refused, "fault")
+        self.label = controls.label(about.label)
+        self.refused = controls.label("", "small", wrap=True, name=f"Why {about.label} is refused")
+        controls.set_state(self.refused, "fault")
         self.refused.hide()
-        self.reset = widgets.button("Default", reset, "link", name=f"Default of {about.label}")
+        self.reset = controls.button("Default", reset, "link", name=f"Default of {about.label}")
         policy = self.reset.sizePolicy()
         policy.setRetainSizeWhenHidden(True)
         self.reset.setSizePolicy(policy)
         self.field: QLineEdit | QComboBox
         if about.choices or isinstance(about.default, bool):
             entries = [(text, str(value)) for value, text in about.choices] or ON_OFF
-            self.field = widgets.choice(about.label, entries, lambda _: self._enter())
+            self.field = controls.choice(about.label, entries, lambda _: self._enter())
         else:
-            self.field = widgets.field(about.label)
+            self.field = controls.field(about.label)
             self.field.editingFinished.connect(self._enter)
         self.field.setAccessibleDescription(about.meaning)
         for part in (self.label, self.field):
-            part.setToolTip(widgets.as_words(f"{about.meaning}. {note(about)}".strip()))
+            part.setToolTip(controls.as_words(f"{about.meaning}. {note(about)}".strip()))
 
     def text(self) -> str:
         """Return what the field has."""
@@ -90,7 +90,7 @@ class ValueRow:
     def _refuse(self, why: str) -> None:
         self.refused.setText(why)
         self.refused.setVisible(bool(why))
-        widgets.set_state(self.field, "true" if why else "", "wrong")
+        controls.set_state(self.field, "true" if why else "", "wrong")
 
 
 class ValueForm(QWidget):
@@ -110,7 +110,7 @@ class ValueForm(QWidget):
         grid.setVerticalSpacing(0)
         grid.setColumnStretch(1, 1)
         for i, row in enumerate(self.rows.values()):
-            for column, part in enumerate((row.label, row.field, widgets.label(row.about.unit, "muted"), row.reset)):
+            for column, part in enumerate((row.label, row.field, controls.label(row.about.unit, "muted"), row.reset)):
                 grid.addWidget(part, 3 * i, column)
             grid.addWidget(row.refused, 3 * i + 1, 1, 1, 3)
             grid.setRowMinimumHeight(3 * i + 2, style.GAP)
@@ -140,37 +140,37 @@ class SettingsPage(ReflowingPage):
         self.list.setAccessibleName("Program and units")
         self.list.setMinimumHeight(4 * style.CONTROL_HEIGHT)
         self.list.currentItemChanged.connect(lambda item, _: self._choose(item))
-        self.name = widgets.field("Name of a new unit", on_enter=self._add, placeholder="New unit")
-        self.add = widgets.button("Add", self._add, name="Add a unit")
-        self.title = widgets.label("", "subtitle")
-        self.broken = widgets.label("", wrap=True, name="Why the file cannot be used")
-        widgets.set_state(self.broken, "fault")
-        self.calibrations = widgets.label("", "muted", wrap=True)
-        self.explanation = widgets.label("", "muted", wrap=True)
-        self.metadata = widgets.button("Metadata \u2026", self._metadata, tip="What its next recordings state")
-        self.contributions = widgets.button(
+        self.name = controls.field("Name of a new unit", on_enter=self._add, placeholder="New unit")
+        self.add = controls.button("Add", self._add, name="Add a unit")
+        self.title = controls.label("", "subtitle")
+        self.broken = controls.label("", wrap=True, name="Why the file cannot be used")
+        controls.set_state(self.broken, "fault")
+        self.calibrations = controls.label("", "muted", wrap=True)
+        self.explanation = controls.label("", "muted", wrap=True)
+        self.metadata = controls.button("Metadata \u2026", self._metadata, tip="What its next recordings state")
+        self.contributions = controls.button(
             "Type B \u2026", self._contributions, tip="Contributions to the uncertainty that no run shows"
         )
-        self.path = widgets.label("", "small", wrap=True)
+        self.path = controls.label("", "small", wrap=True)
         self.changes = DataTable("What changed when", ("When (UTC)", "Value", "Change"), stretched=2)
         self.changes.setMinimumHeight(style.QUESTION_LEAST)
         self._lay_out()
 
     def _lay_out(self) -> None:
-        files = widgets.row(
-            widgets.button("Import \u2026", self._import, tip="Settings or a unit from a TOML file"),
-            widgets.button("Export \u2026", self._export, tip="What is shown, as a TOML file"),
+        files = controls.row(
+            controls.button("Import \u2026", self._import, tip="Settings or a unit from a TOML file"),
+            controls.button("Export \u2026", self._export, tip="What is shown, as a TOML file"),
             None,
         )
-        self.side, _ = widgets.card((self.list, 1), widgets.row((self.name, 1), self.add), files)
-        self.reset = widgets.button("All defaults", self._reset, tip="Calibrations, metadata and contributions stay")
-        foot = widgets.row(self.metadata, self.contributions, None, self.reset)
-        values, _ = widgets.card(
+        self.side, _ = controls.card((self.list, 1), controls.row((self.name, 1), self.add), files)
+        self.reset = controls.button("All defaults", self._reset, tip="Calibrations, metadata and contributions stay")
+        foot = controls.row(self.metadata, self.contributions, None, self.reset)
+        values, _ = controls.card(
             self.title, self.explanation, self.broken, self.leaves, self.calibrations, None, foot, self.path
         )
-        history, _ = widgets.card(widgets.label("What changed when", "subtitle"), (self.changes, 1))
-        body = widgets.row((self.side, 1), (values, 3), (history, 2), spacing=style.GAP)
-        widgets.page_layout(self).addLayout(body, 1)
+        history, _ = controls.card(controls.label("What changed when", "subtitle"), (self.changes, 1))
+        body = controls.row((self.side, 1), (values, 3), (history, 2), spacing=style.GAP)
+        controls.page_layout(self).addLayout(body, 1)
         self.rows, self.tall = (body,), (history,)
         self.reflow()
 
@@ -289,13 +289,13 @@ class SafeModeBar(QWidget):
     def __init__(self, model: SettingsModel, show_page: Callable[[], object]) -> None:
         super().__init__()
         self.model = model
-        self.mark = widgets.label("\u25b2  Safe mode")
-        widgets.set_state(self.mark, "warning")
-        self.text: QLabel = widgets.label("", wrap=True, name="Why the stored settings are not used")
-        parts = (self.mark, (self.text, 1), widgets.button("Settings", show_page, name="Show the settings"))
+        self.mark = controls.label("\u25b2  Safe mode")
+        controls.set_state(self.mark, "warning")
+        self.text: QLabel = controls.label("", wrap=True, name="Why the stored settings are not used")
+        parts = (self.mark, (self.text, 1), controls.button("Settings", show_page, name="Show the settings"))
         margins = (style.PAGE_MARGIN, style.STEP, style.PAGE_MARGIN, style.STEP)
-        widgets.surface(self, "strip", widgets.row(*parts, margins=margins))
-        widgets.set_state(self, "warning", "level")
+        controls.surface(self, "strip", controls.row(*parts, margins=margins))
+        controls.set_state(self, "warning", "level")
         self.refresh()
 
     def refresh(self) -> None:
@@ -305,4 +305,4 @@ class SafeModeBar(QWidget):
         if refused is not None:
             remedy = sentence(refused.remedy) if refused.remedy else ""
             text = f"Default settings are in use: {refused.cause}. The file is kept. {remedy}"
-            widgets.set_text(self.text, text.strip())
+            controls.set_text(self.text, text.strip())

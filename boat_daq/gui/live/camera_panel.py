@@ -10,7 +10,7 @@ from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.camera import CameraModel, CameraView
@@ -98,38 +98,38 @@ class CameraPanel(QWidget):
     def __init__(self, model: CameraModel, services: Services) -> None:
         super().__init__()
         self.model, self.services, self.notices = model, services, services.notices
-        self.source = widgets.field("Camera", model.source, on_enter=self.toggle)
+        self.source = controls.field("Camera", model.source, on_enter=self.toggle)
         self.source.setToolTip(SOURCE_TIP)
-        self.mark = widgets.field(
+        self.mark = controls.field(
             "Side of the marks in mm", model.mark, on_enter=self.toggle, width=2 * style.CONTROL_HEIGHT
         )
         self.mark.setToolTip(MARK_TIP)
-        self.button = widgets.button("Open", self.toggle, "primary", name="Open or close the camera")
+        self.button = controls.button("Open", self.toggle, "primary", name="Open or close the camera")
         self.picture = MarkedPicture()
         tip = "Films the simulated unit, for practice; its readings are simulated, too"
-        self.virtual = widgets.button("Open the virtual camera", self._open_virtual, tip=tip)
-        self.print = widgets.button("Save the marks …", self._save_marks, tip="The two marks as a PDF to print")
-        self.value = widgets.label("", "title", name="Elongation by the camera")
-        self.u = widgets.label("", "muted")
-        self.line = widgets.label("", "small")
-        self.warning = widgets.label("", "small", name="Why the camera gives no elongation", wrap=True)
-        self.help = widgets.label(HELP, "muted", wrap=True)
-        asked = widgets.row(widgets.label("Camera", "muted"), (self.source, 1), spacing=style.STEP)
-        marks = widgets.row(
-            widgets.label("Marks", "muted"),
+        self.virtual = controls.button("Open the virtual camera", self._open_virtual, tip=tip)
+        self.print = controls.button("Save the marks …", self._save_marks, tip="The two marks as a PDF to print")
+        self.value = controls.label("", "title", name="Elongation by the camera")
+        self.u = controls.label("", "muted")
+        self.line = controls.label("", "small")
+        self.warning = controls.label("", "small", name="Why the camera gives no elongation", wrap=True)
+        self.help = controls.label(HELP, "muted", wrap=True)
+        asked = controls.row(controls.label("Camera", "muted"), (self.source, 1), spacing=style.STEP)
+        marks = controls.row(
+            controls.label("Marks", "muted"),
             self.mark,
-            widgets.label("mm", "muted"),
+            controls.label("mm", "muted"),
             None,
             self.button,
             spacing=style.STEP,
         )
-        values = widgets.row(self.value, self.u, (self.warning, 1), spacing=style.STEP)
+        values = controls.row(self.value, self.u, (self.warning, 1), spacing=style.STEP)
         for text in (self.value, self.u, self.warning):
             values.setAlignment(text, Qt.AlignmentFlag.AlignVCenter)
-        self.values = widgets.inside(values)  # as high with a warning as without: the picture does not move
+        self.values = controls.inside(values)  # as high with a warning as without: the picture does not move
         self.values.setFixedHeight(WARNING_LINES * QFontMetrics(style.small_font()).lineSpacing())
         parts = (asked, marks, self.virtual, self.help, self.print, self.values, self.line, (self.picture, 100))
-        self.setLayout(widgets.column(*parts, None, spacing=style.GAP, margins=(0, 0, 0, 0)))
+        self.setLayout(controls.column(*parts, None, spacing=style.GAP, margins=(0, 0, 0, 0)))
         self._show(model.view())
 
     def toggle(self) -> None:
@@ -159,7 +159,7 @@ class CameraPanel(QWidget):
 
     def _show(self, view: CameraView) -> None:
         is_open = view.state is not None
-        widgets.set_text(self.button, "Close" if is_open else "Open")
+        controls.set_text(self.button, "Close" if is_open else "Open")
         for control in (self.source, self.mark):
             control.setReadOnly(is_open)
         self.help.setVisible(not is_open)
@@ -167,9 +167,9 @@ class CameraPanel(QWidget):
         self.virtual.setVisible(not is_open and bool(self.model.virtual()))
         for shown in (self.picture, self.values, self.line):
             shown.setVisible(is_open)
-        widgets.set_text(self.value, f"{view.elongation} mm")
-        widgets.set_text(self.u, view.u)
-        widgets.set_text(self.line, view.line)
-        widgets.set_text(self.warning, f"\u25b2 {view.warning}" if view.warning else "")
-        widgets.set_state(self.warning, "warning" if view.warning else "")
+        controls.set_text(self.value, f"{view.elongation} mm")
+        controls.set_text(self.u, view.u)
+        controls.set_text(self.line, view.line)
+        controls.set_text(self.warning, f"\u25b2 {view.warning}" if view.warning else "")
+        controls.set_state(self.warning, "warning" if view.warning else "")
         self.picture.show_view(view)

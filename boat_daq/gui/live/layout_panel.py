@@ -9,7 +9,7 @@ from functools import partial
 from PySide6.QtWidgets import QCheckBox, QComboBox, QDialog, QGridLayout, QWidget
 
 from boat_daq.gui import style
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.layout import CAMERA, ELONGATION, PRESSURE, Layout, Layouts
 from boat_daq.viewmodels.live.live_model import LiveModel
@@ -33,10 +33,10 @@ class LayoutPanel(QDialog):
         self.setWindowTitle("Layout of the plots")
         self.setModal(False)
         self.setMinimumWidth(style.FORM_WIDTH)
-        self.saved = widgets.choice("Saved layouts", (), self._load)
-        self.name = widgets.field("Name of the layout", on_enter=self._save, placeholder="Name")
-        save = widgets.button("Save", self._save, name="Save the layout")
-        self.remove = widgets.button("Delete", self._delete, name="Delete the saved layout")
+        self.saved = controls.choice("Saved layouts", (), self._load)
+        self.name = controls.field("Name of the layout", on_enter=self._save, placeholder="Name")
+        save = controls.button("Save", self._save, name="Save the layout")
+        self.remove = controls.button("Delete", self._delete, name="Delete the saved layout")
         self.grid = QGridLayout()
         self.grid.setColumnStretch(0, 1)
         self.places: dict[str, QComboBox] = {}
@@ -45,14 +45,14 @@ class LayoutPanel(QDialog):
         for x, box in self.against.items():
             box.setAccessibleName(f"Signals against {AGAINST[x].lower()}")
             box.clicked.connect(self._set_against)
-        usual = widgets.button("Usual layout", lambda: self._change(Layout()))
+        usual = controls.button("Usual layout", lambda: self._change(Layout()))
         self.setLayout(
-            widgets.column(
-                widgets.label(_EXPLANATION, "muted", wrap=True),
-                widgets.row(self.saved, (self.name, 1), save, self.remove),
+            controls.column(
+                controls.label(_EXPLANATION, "muted", wrap=True),
+                controls.row(self.saved, (self.name, 1), save, self.remove),
                 self.grid,
-                widgets.row(widgets.label("Signals against"), *self.against.values(), None),
-                widgets.row(usual, None, widgets.button("Close", self.close)),
+                controls.row(controls.label("Signals against"), *self.against.values(), None),
+                controls.row(usual, None, controls.button("Close", self.close)),
                 spacing=style.GAP,
                 margins=(style.PAGE_MARGIN,) * 4,
             )
@@ -78,16 +78,16 @@ class LayoutPanel(QDialog):
             self.saved.addItem(text, key)
         in_use = self.layouts.in_use()
         self.saved.setCurrentIndex(next((i for i, (_, key) in enumerate(names, 1) if key == in_use), 0))
-        widgets.allow(self.remove, "" if in_use else "The layout shown is not a saved one.")
+        controls.allow(self.remove, "" if in_use else "The layout shown is not a saved one.")
         for x, box in self.against.items():
             box.setChecked(x in layout.against)
         self._fill(layout.complete(quantities), quantities)
 
     def _fill(self, layout: Layout, quantities: list[str]) -> None:
         """Fill the grid with a row for each quantity, in the order of the plots."""
-        widgets.clear(self.grid)
+        controls.clear(self.grid)
         for k, text in enumerate(("Quantity", "Shown", "Axis", "")):
-            self.grid.addWidget(widgets.label(text, "muted"), 0, k)
+            self.grid.addWidget(controls.label(text, "muted"), 0, k)
         plots = layout.plots(quantities)
         shown = [q for plot in plots for q in plot.all]
         hosts = [plot.all[0] for plot in plots]
@@ -102,17 +102,17 @@ class LayoutPanel(QDialog):
             place.setCurrentIndex(place.findData(at))
             side = self._choice(f"Axis of {name}", [("left", False), ("right", True)], quantity, self._side)
             side.setCurrentIndex(int(plot is not None and quantity in plot.right))
-            widgets.allow(side, "" if plot is not None and len(plot.all) > 1 else "It is alone in its plot.")
+            controls.allow(side, "" if plot is not None and len(plot.all) > 1 else "It is alone in its plot.")
             up, down = (
-                widgets.button(sign, partial(self._move, quantity, by), "quiet", name=f"Move {name} {way}")
+                controls.button(sign, partial(self._move, quantity, by), "quiet", name=f"Move {name} {way}")
                 for sign, by, way in (("\u2191", -1, "up"), ("\u2193", 1, "down"))
             )
             for button, end in ((up, hosts[:1]), (down, hosts[-1:])):
                 button.setVisible(bool(own and plot is not None))
-                widgets.allow(button, "It is at the end already." if quantity in end else "")
+                controls.allow(button, "It is at the end already." if quantity in end else "")
             stored = self.live.unit(quantity)
             in_unit = f" ({as_text(self.live.units.shown(stored).symbol)})" if stored else ""
-            cells = (widgets.label(f"{name}{in_unit}"), place, side, up, down)
+            cells = (controls.label(f"{name}{in_unit}"), place, side, up, down)
             for k, widget in enumerate(cells):
                 self.grid.addWidget(widget, i, k)
             self.places[quantity], self.sides[quantity] = place, side
@@ -120,7 +120,7 @@ class LayoutPanel(QDialog):
     def _choice(
         self, name: str, entries: list[tuple[str, object]], quantity: str, act: Callable[..., None]
     ) -> QComboBox:
-        return widgets.choice(name, entries, partial(act, quantity))
+        return controls.choice(name, entries, partial(act, quantity))
 
     def _complete(self) -> Layout:
         return self.layouts.current.complete(self.live.quantities())

@@ -23,7 +23,7 @@ from boat_daq.gui.live.readings_panel import BY_CAMERA, ReadingBar, ReadingsTab,
 from boat_daq.gui.live.sequence_panel import PlanForm, SequencePanel
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
 from boat_daq.gui.style import Theme
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.layouts import Divided, Leaves, Shares
 from boat_daq.gui.widgets.panel_guard import PanelGuard
 from boat_daq.viewmodels.common.services import Page, Panel, Services
@@ -80,17 +80,17 @@ class ValueDisplay(QWidget):
         self._size = (0, False)
         self.swatch = QFrame()
         self.swatch.setFixedSize(style.STEP, 4 * style.STEP)
-        self.name = widgets.label(title, "muted")
-        self.value = widgets.label(NOTHING)
+        self.name = controls.label(title, "muted")
+        self.value = controls.label(NOTHING)
         self.value.setAlignment(Qt.AlignmentFlag.AlignRight)  # keeps the decimal point in place
-        self.unit = widgets.label(unit, "set")
-        self.note = widgets.ElidedLabel()
+        self.unit = controls.label(unit, "set")
+        self.note = controls.ElidedLabel()
         self.note.setProperty("role", "small")
-        head = widgets.row(self.swatch, self.name, self.note, None, spacing=SPACING)
-        line = widgets.row(self.value, self.unit, None, spacing=SPACING)
+        head = controls.row(self.swatch, self.name, self.note, None, spacing=SPACING)
+        line = controls.row(self.value, self.unit, None, spacing=SPACING)
         for widget in (self.value, self.unit):
             line.setAlignment(widget, Qt.AlignmentFlag.AlignBaseline)
-        self.setLayout(widgets.column(head, line, spacing=0, margins=(0, 0, 0, 0)))
+        self.setLayout(controls.column(head, line, spacing=0, margins=(0, 0, 0, 0)))
         self.resize_text(style.FONT_MEASURED)
 
     def resize_text(self, pixels: int, *, narrow: bool = False) -> None:
@@ -122,9 +122,9 @@ class ValueDisplay(QWidget):
 
     def set(self, text: str, note: str = "", age: str = "") -> None:
         """Show a value; grey where it has an `age`, as that of data that have ended."""
-        widgets.set_text(self.value, text)
-        widgets.set_text(self.note, note)
-        widgets.set_state(self.value, "off" if age else "")
+        controls.set_text(self.value, text)
+        controls.set_text(self.note, note)
+        controls.set_state(self.value, "off" if age else "")
         self.value.setAccessibleName(" ".join(filter(None, (f"{self.title}: {text} {self.unit.text()}", note, age))))
 
 
@@ -141,41 +141,41 @@ class FirstSteps(QScrollArea):
     def __init__(self, run: RunModel, services: Services) -> None:
         super().__init__()
         self.recordings, attempt = services.recordings, services.notices.attempt
-        self.trial = widgets.button("Quick trial", partial(attempt, run.trial.start), "primary", tip=TRIAL)
-        self.board = widgets.button("Connect a board …", partial(services.show, Panel.CONNECT))
-        self.virtual = widgets.button("Start the virtual board", partial(attempt, run.connection.start_virtual_board))
-        self.plan = widgets.button("Show the plan", partial(services.show, Panel.PLAN))
-        self.first = widgets.card(widgets.row((widgets.label(TRIAL, "muted", wrap=True), 1), self.trial))[0]
+        self.trial = controls.button("Quick trial", partial(attempt, run.trial.start), "primary", tip=TRIAL)
+        self.board = controls.button("Connect a board …", partial(services.show, Panel.CONNECT))
+        self.virtual = controls.button("Start the virtual board", partial(attempt, run.connection.start_virtual_board))
+        self.plan = controls.button("Show the plan", partial(services.show, Panel.PLAN))
+        self.first = controls.card(controls.row((controls.label(TRIAL, "muted", wrap=True), 1), self.trial))[0]
         buttons = ((self.virtual, self.board), (self.plan,), ())
         rows = zip(_STEPS.items(), buttons, strict=True)
         steps = [self._step(str(i), title, text, *each) for i, ((title, text), each) in enumerate(rows, 1)]
-        frame, inside = widgets.card(widgets.label("From a board to a calibration", "title"), self.first, *steps)
+        frame, inside = controls.card(controls.label("From a board to a calibration", "title"), self.first, *steps)
         frame.setMaximumWidth(style.FORM_WIDTH + style.PANE_WIDTH)
         inside.setContentsMargins(*(6 * style.STEP,) * 4)
         inside.setSpacing(style.GAP)
-        across = widgets.row(None, (frame, 100), None)  # no alignment: an aligned frame does not wrap its text
+        across = controls.row(None, (frame, 100), None)  # no alignment: an aligned frame does not wrap its text
         self.setWidgetResizable(True)
-        self.setWidget(widgets.holder(widgets.column(None, across, None)))
+        self.setWidget(controls.holder(controls.column(None, across, None)))
 
     def showEvent(self, event: QShowEvent) -> None:
         """Offer the quick trial first where nothing has been recorded yet."""
         new = not any(self.recordings.glob("*.boat"))
         self.first.setVisible(new)
-        widgets.set_state(self.virtual, "" if new else "primary", "role")
+        controls.set_state(self.virtual, "" if new else "primary", "role")
         super().showEvent(event)
 
     def _step(self, number: str, title: str, text: str, *buttons: QWidget) -> QFrame:
         grid = QGridLayout()
         grid.setColumnStretch(1, 1)
         grid.setHorizontalSpacing(style.CARD_PADDING)
-        digit = widgets.label(number, "title")
+        digit = controls.label(number, "title")
         digit.setFixedWidth(6 * style.STEP)
         grid.addWidget(digit, 0, 0)
-        grid.addWidget(widgets.label(title, "subtitle"), 0, 1)
-        grid.addWidget(widgets.label(text, "muted", wrap=True), 1, 1)
+        grid.addWidget(controls.label(title, "subtitle"), 0, 1)
+        grid.addWidget(controls.label(text, "muted", wrap=True), 1, 1)
         if buttons:
-            grid.addLayout(widgets.row(*buttons, None), 2, 1)
-        return widgets.card(grid)[0]
+            grid.addLayout(controls.row(*buttons, None), 2, 1)
+        return controls.card(grid)[0]
 
 
 class LivePage(QWidget):
@@ -197,9 +197,9 @@ class LivePage(QWidget):
         self.plots.borders.changed.connect(self._keep_heights)
         self.plots.layout_wanted.connect(self._change_layout)
         self.figures = self._figures()
-        self.spans = widgets.label("", "small")
+        self.spans = controls.label("", "small")
         self.spans.hide()
-        self.between = widgets.label("", "small", name="Statistics between the cursors")
+        self.between = controls.label("", "small", name="Statistics between the cursors")
         for statistics in (self.spans, self.between):
             statistics.setTextFormat(Qt.TextFormat.RichText)
         self._before = 0  # the tab shown before the statistics
@@ -222,13 +222,15 @@ class LivePage(QWidget):
         self.marker = self._marker()
         self.head = self._head()
         self.frozen = self._frozen()
-        above = widgets.column(self.frozen, (self.middle, 1), self.spans, spacing=style.GAP)
+        above = controls.column(self.frozen, (self.middle, 1), self.spans, spacing=style.GAP)
         height = self.sequence.sizeHint().height()
-        self.run_border = Divided("run", services.preferences, widgets.holder(above), self.sequence, height, below=True)
+        self.run_border = Divided(
+            "run", services.preferences, controls.holder(above), self.sequence, height, below=True
+        )
         parts = (self.head, self.marker, (self.run_border, 1), self.reading)
-        self.left = widgets.column(*parts, spacing=style.GAP)
-        self.sides = Divided("live", services.preferences, widgets.holder(self.left), self.pane, style.PANE_WIDTH)
-        self.page = widgets.page_layout(self)
+        self.left = controls.column(*parts, spacing=style.GAP)
+        self.sides = Divided("live", services.preferences, controls.holder(self.left), self.pane, style.PANE_WIDTH)
+        self.page = controls.page_layout(self)
         self.page.addWidget(self.sides)
 
     def _figures(self) -> dict[str, ValueDisplay]:
@@ -242,39 +244,39 @@ class LivePage(QWidget):
 
     def _head(self) -> QFrame:
         values = list(self.figures.values())
-        self.figure_rows = [widgets.row(*part) for part in (values[:_SENSORS], values[_SENSORS:])]
-        self.figure_line = widgets.row(*self.figure_rows)
+        self.figure_rows = [controls.row(*part) for part in (values[:_SENSORS], values[_SENSORS:])]
+        self.figure_line = controls.row(*self.figure_rows)
         for part in self.figure_rows:
             self.figure_line.setAlignment(part, Qt.AlignmentFlag.AlignLeft)
         windows = [("all" if math.isinf(s) else formatting.span(s), s) for s in WINDOWS_S]
-        self.window_choice = widgets.choice("Time shown", windows, self.model.set_window)
-        self.freeze = widgets.button("Freeze plot", self.model.toggle_freeze, tip="Recording continues (Space)")
+        self.window_choice = controls.choice("Time shown", windows, self.model.set_window)
+        self.freeze = controls.button("Freeze plot", self.model.toggle_freeze, tip="Recording continues (Space)")
         self.freeze.setCheckable(True)
         tip = "Which plots are shown, and where "
-        self.arrange = widgets.button("Layout …", self.show_layout, tip=tip)
-        for widget in (widgets.label("Show", "muted"), self.window_choice, self.freeze, self.arrange):
+        self.arrange = controls.button("Layout …", self.show_layout, tip=tip)
+        for widget in (controls.label("Show", "muted"), self.window_choice, self.freeze, self.arrange):
             self.plots.bar.insertWidget(self.plots.bar.count() - 1, widget)
-        frame, self.head_card = widgets.card(widgets.row(self.figure_line, None))
+        frame, self.head_card = controls.card(controls.row(self.figure_line, None))
         frame.setMinimumWidth(1)  # else figures too large for a new width would push the pane aside
         return frame
 
     def _frozen(self) -> QFrame:
         """Return the banner over plots that do not follow the data."""
-        self.follow = widgets.button("Follow", self.model.toggle_freeze, tip="Show the newest data (Space)")
-        mark = widgets.label("FROZEN", "subtitle")
-        widgets.set_state(mark, "warning")
-        words = widgets.label("The plots show the past. Sampling continues.", elide=True)
-        frame, inside = widgets.card(widgets.row(mark, (words, 1), self.follow))
+        self.follow = controls.button("Follow", self.model.toggle_freeze, tip="Show the newest data (Space)")
+        mark = controls.label("FROZEN", "subtitle")
+        controls.set_state(mark, "warning")
+        words = controls.label("The plots show the past. Sampling continues.", elide=True)
+        frame, inside = controls.card(controls.row(mark, (words, 1), self.follow))
         inside.setContentsMargins(style.CARD_PADDING, style.STEP, style.CARD_PADDING, style.STEP)
-        widgets.set_state(frame, "warning", "level")
+        controls.set_state(frame, "warning", "level")
         frame.hide()
         return frame
 
     def _marker(self) -> QFrame:
-        self.note = widgets.field("Note of the marker", on_enter=self._mark, placeholder="What happened?")
-        add = widgets.button("Add", self._mark, name="Add marker")
-        cancel = widgets.button("Cancel", self.close_marker, name="Cancel marker")
-        frame, _ = widgets.card(widgets.row(widgets.label("Marker", "subtitle"), self.note, add, cancel))
+        self.note = controls.field("Note of the marker", on_enter=self._mark, placeholder="What happened?")
+        add = controls.button("Add", self._mark, name="Add marker")
+        cancel = controls.button("Cancel", self.close_marker, name="Cancel marker")
+        frame, _ = controls.card(controls.row(controls.label("Marker", "subtitle"), self.note, add, cancel))
         frame.hide()
         return frame
 
@@ -323,7 +325,7 @@ class LivePage(QWidget):
         self.camera = CameraPanel(camera, self.services)
         self.readings = ReadingsTab(self.table, self.camera, self.services)
         pages = ((self.plan, "Plan"), (self.readings, "Readings"), (self.shadow, "Shadow"))
-        tabs = widgets.tabs("Plan, readings, shadow", *pages)
+        tabs = controls.tabs("Plan, readings, shadow", *pages)
         tabs.setMinimumWidth(style.PANE_WIDTH_NARROW)
         return tabs
 

@@ -22,7 +22,7 @@ from boat_daq.formatting import clock, in_units
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Band, Curve, Layer, Plot, sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.live.axis import SteadyRange, extremes
 from boat_daq.viewmodels.live.layout import CAMERA, ELONGATION, PRESSURE, Axes, Layout, title, titles, unit
@@ -100,7 +100,7 @@ class LivePlots(PlotCard):
         self._heights: Mapping[str, int] = {}  # as the layout has them
         self._shown: tuple[Axes, ...] = ()  # of the rows
         self._layout: tuple[Axes, ...] = ()  # of all plots, also of those for which the window is too low
-        self.first_row = widgets.choice("First plot shown", (), lambda _: self.arrange())
+        self.first_row = controls.choice("First plot shown", (), lambda _: self.arrange())
         self.bar.insertWidget(0, self.first_row)
         self.arrange()
         self.view.scene().sigMouseMoved.connect(self._hover)
@@ -242,7 +242,7 @@ class LivePlots(PlotCard):
 
     def _draw_whole(self, frame: PlotFrame) -> None:
         time_s = frame.columns["time_s"]
-        widgets.set_text(self.readout, PREDICTED if frame.predicted is not None else "")
+        controls.set_text(self.readout, PREDICTED if frame.predicted is not None else "")
         for curve, values in self._lines(frame):
             curve.set(time_s, values)
         if frame.elongation is not None:
@@ -300,7 +300,7 @@ class LivePlots(PlotCard):
             for layer in (layer for layers in self.layers.values() for layer in layers):
                 layer.item.setOpacity(style.STALE_OPACITY if age else 1.0)
         self._age = age
-        widgets.set_text(self.heading, f"Last data {age}" if age else "")
+        controls.set_text(self.heading, f"Last data {age}" if age else "")
 
     def _hover(self, at: QPointF) -> None:
         self._mouse = at

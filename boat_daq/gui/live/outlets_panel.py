@@ -10,7 +10,7 @@ from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QCheckBox, QDialog, QWidget
 
 from boat_daq.gui import style
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.outlets import OutletsModel
@@ -35,34 +35,34 @@ class OutletsPanel(QDialog):
         self.setMinimumWidth(style.FORM_WIDTH)
         self.streaming = _check("Stream over LSL (Lab Streaming Layer)", self._switch_streams)
         self.network = _check("For other computers, too", self._switch_streams)
-        self.streams_state = widgets.label("", "muted", name="State of the streams")
+        self.streams_state = controls.label("", "muted", name="State of the streams")
         self.serving = _check("Serve as a SECoP node", self._switch_node)
-        self.address = widgets.field("Address of the node", on_enter=self._switch_node)
+        self.address = controls.field("Address of the node", on_enter=self._switch_node)
         self.address.editingFinished.connect(self._switch_node)
         self.control = _check("Allow control", self._switch_node)
-        self.token = widgets.label("", "muted", name="Token file", elide=True)
-        self.choose = widgets.button("Choose \u2026", self._choose_token, name="Choose the token file")
-        self.forget = widgets.button("Remove", self._forget_token, name="Use no token file")
-        self.node_state = widgets.label("", "muted", name="State of the node")
-        streams, _ = widgets.card(
+        self.token = controls.label("", "muted", name="Token file", elide=True)
+        self.choose = controls.button("Choose \u2026", self._choose_token, name="Choose the token file")
+        self.forget = controls.button("Remove", self._forget_token, name="Use no token file")
+        self.node_state = controls.label("", "muted", name="State of the node")
+        streams, _ = controls.card(
             self.streaming,
             self.streams_state,
             self.network,
-            widgets.label(_NETWORK, "small", wrap=True),
+            controls.label(_NETWORK, "small", wrap=True),
         )
-        token = widgets.row(widgets.label("Token file"), (self.token, 1), self.choose, self.forget)
-        node, _ = widgets.card(
+        token = controls.row(controls.label("Token file"), (self.token, 1), self.choose, self.forget)
+        node, _ = controls.card(
             self.serving,
             self.node_state,
             self.control,
-            widgets.label(CONTROL, "small", wrap=True),
-            widgets.row(widgets.label("Address"), (self.address, 1)),
+            controls.label(CONTROL, "small", wrap=True),
+            controls.row(controls.label("Address"), (self.address, 1)),
             token,
-            widgets.label(_TOKEN, "small", wrap=True),
+            controls.label(_TOKEN, "small", wrap=True),
         )
-        close = widgets.button("Close", self.close)
-        words = widgets.label(_EXPLANATION, "muted", wrap=True)
-        self.setLayout(widgets.column(words, streams, node, None, widgets.row(None, close), spacing=style.GAP))
+        close = controls.button("Close", self.close)
+        words = controls.label(_EXPLANATION, "muted", wrap=True)
+        self.setLayout(controls.column(words, streams, node, None, controls.row(None, close), spacing=style.GAP))
         self.refresh()
 
     def showEvent(self, event: QShowEvent) -> None:
@@ -82,13 +82,13 @@ class OutletsPanel(QDialog):
             if box.isChecked() != value:
                 box.setChecked(value)
         if not self.address.hasFocus():
-            widgets.set_text(self.address, model.choice.address)
+            controls.set_text(self.address, model.choice.address)
         file = model.choice.token_path
-        widgets.set_text(self.token, str(file) if file is not None else "none")
+        controls.set_text(self.token, str(file) if file is not None else "none")
         self.forget.setEnabled(model.choice.token_file is not None)
-        widgets.set_text(self.streams_state, view.streams)
-        widgets.set_text(self.node_state, view.node)
-        widgets.set_state(self.node_state, "warning" if view.control else "")
+        controls.set_text(self.streams_state, view.streams)
+        controls.set_text(self.node_state, view.node)
+        controls.set_state(self.node_state, "warning" if view.control else "")
 
     def _switch_streams(self) -> None:
         wanted, network = self.streaming.isChecked(), self.network.isChecked()
@@ -101,7 +101,7 @@ class OutletsPanel(QDialog):
         wanted = self.serving.isChecked()
         if (wanted, choice) != (self.model.serving, self.model.choice):
             self.services.notices.attempt(lambda: self.model.serve(wanted, choice))
-            widgets.set_text(self.address, self.model.choice.address)
+            controls.set_text(self.address, self.model.choice.address)
         self.refresh()
 
     def _choose_token(self) -> None:

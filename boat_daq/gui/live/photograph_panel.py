@@ -27,7 +27,7 @@ from PySide6.QtWidgets import QDialog, QGraphicsPixmapItem, QGraphicsScene, QGra
 
 from boat_daq.formatting import number, plain_number
 from boat_daq.gui import style
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.photograph import Photograph
@@ -139,19 +139,20 @@ class PhotographPanel(QDialog):
         self.view = PictureView()
         self.view.clicked.connect(self.click)
         first = "Load or paste (Ctrl+V) a picture of the millimetre grid. Wheel: zoom; right button: move."
-        self.instruction = widgets.label(first, "set", name="What to do next")
-        self.distance = widgets.field("Distance between scale marks in mm", "10", width=2 * style.CONTROL_HEIGHT)
+        self.instruction = controls.label(first, "set", name="What to do next")
+        self.distance = controls.field("Distance between scale marks in mm", "10", width=2 * style.CONTROL_HEIGHT)
         self.distance.textChanged.connect(lambda _: self._scale())
-        self.value = widgets.label(NOTHING, "title", name="Elongation read")
-        self.take = widgets.button("Take the reading", self.accept_reading, "primary")
+        self.value = controls.label(NOTHING, "title", name="Elongation read")
+        self.take = controls.button("Take the reading", self.accept_reading, "primary")
         self.take.setDefault(True)
         self.take.setEnabled(False)
-        head = widgets.row(
-            widgets.button("Load …", lambda: ask_open(self, services, "Open a picture", " ".join(_KINDS), self.load)),
-            widgets.button("Paste", self.paste), widgets.label("Distance between scale marks:", "muted"), self.distance,
-            widgets.label("mm", "muted"), None, self.value, widgets.button("Back", self.back), self.take,
+        head = controls.row(
+            controls.button("Load …", lambda: ask_open(self, services, "Open a picture", " ".join(_KINDS), self.load)),
+            controls.button("Paste", self.paste), controls.label("Distance between scale marks:", "muted"),
+            self.distance,
+            controls.label("mm", "muted"), None, self.value, controls.button("Back", self.back), self.take,
         )  # fmt: skip
-        self.setLayout(widgets.column(head, self.instruction, (self.view, 1), spacing=style.GAP))
+        self.setLayout(controls.column(head, self.instruction, (self.view, 1), spacing=style.GAP))
         QShortcut(QKeySequence.StandardKey.Paste, self, self.paste)
 
     def load(self, path: Path) -> None:
@@ -185,9 +186,9 @@ class PhotographPanel(QDialog):
         try:
             self.state = self.state.with_distance(plain_number(self.distance.text()))
         except ValueError:
-            widgets.set_state(self.distance, "true", "wrong")
+            controls.set_state(self.distance, "true", "wrong")
         else:
-            widgets.set_state(self.distance, "", "wrong")
+            controls.set_state(self.distance, "", "wrong")
             self._refresh()
 
     def refresh(self) -> None:
@@ -200,7 +201,7 @@ class PhotographPanel(QDialog):
         waits = self.run.snapshot.waiting_for_reading is not None
         text = self.state.instruction if waits or x is None else NO_PLATEAU
         question = f"   {self.run.readings.question(self.run.snapshot)}" if waits else ""
-        widgets.set_text(self.instruction, text + question)
+        controls.set_text(self.instruction, text + question)
         self.value.setText(f"{number(x, 2, sign=True)} mm" if x is not None else NOTHING)
         self.take.setEnabled(x is not None and waits)
         self.view.show_marks(self.state.clicks)

@@ -16,7 +16,7 @@ from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.style import Theme
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.plan_editor import COLUMNS, LABELS, PlanEditor
@@ -39,15 +39,15 @@ class PlanEditorPanel(QDialog):
         self.setModal(False)
         self.resize(style.FORM_WIDTH + style.PANE_WIDTH_WIDE, style.FORM_HEIGHT)
         self.fields = {key: self._plan_field(key) for key in LABELS}
-        self.quantity = widgets.choice("Quantity", [(q, q) for q in QUANTITIES], self._do(self.model.set_quantity))
+        self.quantity = controls.choice("Quantity", [(q, q) for q in QUANTITIES], self._do(self.model.set_quantity))
         self.grid, self.loops = QGridLayout(), QGridLayout()
         self.grid.setColumnStretch(len(COLUMNS) + 6, 1)
         self.loops.setColumnStretch(4, 1)
         self.cells: list[dict[str, Any]] = []
-        self.loop_entries = [widgets.field(name, width=CELL_WIDTH) for name in ("From segment", "To segment", "Times")]
-        self.summary = widgets.label("", "muted", wrap=True)
-        self.refused = widgets.label("", wrap=True, name="Why the entry is invalid")
-        widgets.set_state(self.refused, "fault")
+        self.loop_entries = [controls.field(name, width=CELL_WIDTH) for name in ("From segment", "To segment", "Times")]
+        self.summary = controls.label("", "muted", wrap=True)
+        self.refused = controls.label("", wrap=True, name="Why the entry is invalid")
+        controls.set_state(self.refused, "fault")
         self.refused.hide()
         self.card = PlotCard("Preview of the plan", show_title=False)
         self.plot = self.card.add("Pressure", "kPa", x_title="Time", x_unit="s", time=True)
@@ -59,31 +59,31 @@ class PlanEditorPanel(QDialog):
             QShortcut(QKeySequence(keys), self).activated.connect(act)
 
     def _layout(self) -> Any:
-        names = [widgets.label(text) for text in LABELS.values()]
+        names = [controls.label(text) for text in LABELS.values()]
         pairs = [item for name, field in zip(names, self.fields.values(), strict=True) for item in (name, field)]
-        head = widgets.row(*pairs, self.quantity, None)
-        adds = [widgets.button(f"Add {kind}", self._do(partial(self.model.add, kind))) for kind in SEGMENT_KINDS]
-        times = (self.loop_entries[2], widgets.label("times"), widgets.button("Add loop", self._add_loop))
-        span = (widgets.label("Repeat segments"), self.loop_entries[0], widgets.label("to"), self.loop_entries[1])
-        self.tools = widgets.inside(widgets.row(*adds, None, *span, *times))
-        self.new = widgets.button("New plan", self._do(self.model.new))
-        self.convert = widgets.button("Convert to segments", self._do(self.model.from_chosen))
-        self.undo = widgets.button("Undo", self._undo, tip="Ctrl+Z")
-        self.redo = widgets.button("Redo", self._redo, tip="Ctrl+Shift+Z")
-        save = widgets.button("Save …", self._save)
-        ends = widgets.row(
-            self.new, self.convert, self.undo, self.redo, None, save, widgets.button("Close", self.close)
+        head = controls.row(*pairs, self.quantity, None)
+        adds = [controls.button(f"Add {kind}", self._do(partial(self.model.add, kind))) for kind in SEGMENT_KINDS]
+        times = (self.loop_entries[2], controls.label("times"), controls.button("Add loop", self._add_loop))
+        span = (controls.label("Repeat segments"), self.loop_entries[0], controls.label("to"), self.loop_entries[1])
+        self.tools = controls.inside(controls.row(*adds, None, *span, *times))
+        self.new = controls.button("New plan", self._do(self.model.new))
+        self.convert = controls.button("Convert to segments", self._do(self.model.from_chosen))
+        self.undo = controls.button("Undo", self._undo, tip="Ctrl+Z")
+        self.redo = controls.button("Redo", self._redo, tip="Ctrl+Shift+Z")
+        save = controls.button("Save …", self._save)
+        ends = controls.row(
+            self.new, self.convert, self.undo, self.redo, None, save, controls.button("Close", self.close)
         )
-        inside = widgets.column(self.grid, self.loops, None, spacing=style.GAP)
-        self.segments = widgets.inside(inside)
+        inside = controls.column(self.grid, self.loops, None, spacing=style.GAP)
+        self.segments = controls.inside(inside)
         self.area = QScrollArea()
         self.area.setWidgetResizable(True)
         self.area.setWidget(self.segments)
         parts = (head, (self.area, 3), self.tools, self.refused, self.summary, (self.card, 2), ends)
-        return widgets.column(*parts, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4)
+        return controls.column(*parts, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4)
 
     def _plan_field(self, key: str) -> Any:
-        field = widgets.field(LABELS[key], width=(2 if key == "name" else 1) * CELL_WIDTH)
+        field = controls.field(LABELS[key], width=(2 if key == "name" else 1) * CELL_WIDTH)
         field.editingFinished.connect(lambda: self._attempt(partial(self.model.set_plan, key, field.text())))
         return field
 
@@ -107,17 +107,17 @@ class PlanEditorPanel(QDialog):
         for field in (*self.fields.values(), self.quantity, self.segments, self.tools, self.new, self.convert):
             field.setEnabled(not locked and (model.editable or field in (self.new, self.convert)))
         history = self.services.undo
-        widgets.allow(self.undo, "" if history.done else "Nothing to undo.")
-        widgets.allow(self.redo, "" if history.undone else "Nothing to redo.")
+        controls.allow(self.undo, "" if history.done else "Nothing to undo.")
+        controls.allow(self.redo, "" if history.undone else "Nothing to redo.")
         shown = (model.revision, limits, locked)
         if shown == self._shown:
             return
         self._shown = shown
         self.convert.setVisible(not model.editable)
-        widgets.set_text(self.summary, LOCKED if locked else model.summary if model.editable else NOT_SEGMENTS)
+        controls.set_text(self.summary, LOCKED if locked else model.summary if model.editable else NOT_SEGMENTS)
         for key, field in self.fields.items():
             value = getattr(model.plan, key)
-            widgets.set_text(field, value if key == "name" else f"{value:g}")
+            controls.set_text(field, value if key == "name" else f"{value:g}")
         self.quantity.setCurrentIndex(self.quantity.findData(model.plan.quantity))
         self._fill()
         self._draw((limits.min_kpa, limits.max_kpa) if limits else None)
@@ -126,18 +126,20 @@ class PlanEditorPanel(QDialog):
         """Fill the grids with the segments and the loops."""
         focus = self._focused()
         for grid in (self.grid, self.loops):
-            widgets.clear(grid)
+            controls.clear(grid)
         self.cells = []
         if not self.model.editable:
             return
         for k, text in enumerate(("", "Segment", *self.model.headings(), "Reading")):
-            self.grid.addWidget(widgets.label(text, "muted"), 0, k)
+            self.grid.addWidget(controls.label(text, "muted"), 0, k)
         for i, segment in enumerate(self.model.plan.segments):
             self._add_row(i, segment)
         for i, loop in enumerate(self.model.plan.loops):
             text = f"Segments {loop.first} to {loop.last} are run {loop.times} times"
-            remove = widgets.button("\u2715", self._do(partial(self.model.remove_loop, i)), name=f"Remove loop {i + 1}")
-            self.loops.addWidget(widgets.label(text), i, 0)
+            remove = controls.button(
+                "\u2715", self._do(partial(self.model.remove_loop, i)), name=f"Remove loop {i + 1}"
+            )
+            self.loops.addWidget(controls.label(text), i, 0)
             self.loops.addWidget(remove, i, 1)
         if focus is not None and focus[0] < len(self.cells):
             self.cells[focus[0]][focus[1]].setFocus()
@@ -149,7 +151,7 @@ class PlanEditorPanel(QDialog):
 
     def _add_row(self, i: int, segment: Any) -> None:
         model, n = self.model, i + 1
-        kind = widgets.choice(
+        kind = controls.choice(
             f"Kind of segment {n}", [(k, k) for k in SEGMENT_KINDS], self._do(partial(model.set_kind, i))
         )
         kind.setCurrentIndex(kind.findData(segment.kind))
@@ -157,7 +159,7 @@ class PlanEditorPanel(QDialog):
         for key, (heading, of) in COLUMNS.items():
             used = segment.kind in of
             value = f"{getattr(segment, key):g}" if used else ""
-            row[key] = widgets.field(f"{heading.partition(' ')[0]} of segment {n}", value, width=CELL_WIDTH)
+            row[key] = controls.field(f"{heading.partition(' ')[0]} of segment {n}", value, width=CELL_WIDTH)
             row[key].setEnabled(used)
             row[key].editingFinished.connect(partial(self._set, i, key, row[key]))
         row["reading"] = QCheckBox()
@@ -170,9 +172,9 @@ class PlanEditorPanel(QDialog):
             ("down", "\u2193", partial(model.move, i, 1), "It is the last one." if last else ""),
             ("remove", "\u2715", partial(model.remove, i), ""),
         ):
-            row[key] = widgets.button(sign, self._do(act), "quiet", name=f"{key.capitalize()}: segment {n}")
-            widgets.allow(row[key], why)
-        self.grid.addWidget(widgets.label(str(n), "muted"), n, 0)
+            row[key] = controls.button(sign, self._do(act), "quiet", name=f"{key.capitalize()}: segment {n}")
+            controls.allow(row[key], why)
+        self.grid.addWidget(controls.label(str(n), "muted"), n, 0)
         for k, cell in enumerate(row.values(), 1):
             self.grid.addWidget(cell, n, k)
         self.cells.append(row)
@@ -211,7 +213,7 @@ class PlanEditorPanel(QDialog):
         done = self.services.notices.attempt(action)
         if not done:
             self._shown = None  # the entry is taken back
-        widgets.set_text(self.refused, "" if done else f"\u25b2 {self.services.notices.history[-1].sentences}")
+        controls.set_text(self.refused, "" if done else f"\u25b2 {self.services.notices.history[-1].sentences}")
         self.refused.setVisible(not done)
         self.refresh(self.sequence.session.snapshot())
 

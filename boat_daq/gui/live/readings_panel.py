@@ -15,7 +15,7 @@ from boat_daq.engine.toml_values import read_text
 from boat_daq.formatting import duration
 from boat_daq.gui import style
 from boat_daq.gui.live.camera_panel import CameraPanel
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.data_table import dress
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.viewmodels.common.notices import Notices, Severity
@@ -44,32 +44,32 @@ class ReadingBar(QFrame):
         self.step_id: int | None = None
         self._due = ""  # the question of the plateau
         self._doubted: tuple[int | None, str] | None = None  # what Enter takes when it is pressed again
-        self.question = widgets.label("", "set", name="Reading that is due", elide=True, least=style.QUESTION_LEAST)
-        self.field = widgets.field("Elongation in mm", on_enter=self.enter, width=3 * style.CONTROL_HEIGHT)
+        self.question = controls.label("", "set", name="Reading that is due", elide=True, least=style.QUESTION_LEAST)
+        self.field = controls.field("Elongation in mm", on_enter=self.enter, width=3 * style.CONTROL_HEIGHT)
         self.field.setProperty("role", "reading")
         show = partial(services.show, Panel.PHOTOGRAPH)
-        self.photo = widgets.button("Photograph …", show, tip="Read it from a picture of the grid")
-        self.simulated = widgets.button(
+        self.photo = controls.button("Photograph …", show, tip="Read it from a picture of the grid")
+        self.simulated = controls.button(
             "Simulate reading", run.read_grid, tip="Take the elongation of the simulated unit (F2)"
         )
         self.all = QCheckBox("At every plateau")
         self.all.setToolTip("Simulate the reading at every plateau")
         self.all.setAccessibleName("Simulate the reading at every plateau")
         self.all.clicked.connect(run.toggle_read_all)
-        self.skip = widgets.button("Skip", self.run.skip_reading, tip="Continue without a reading")
+        self.skip = controls.button("Skip", self.run.skip_reading, tip="Continue without a reading")
         self.field.textChanged.connect(self._ask)
-        self.unit = widgets.label(f"{run.readings.unit}, press Enter", "muted")
+        self.unit = controls.label(f"{run.readings.unit}, press Enter", "muted")
         self._narrow = False
-        self.left = widgets.label("", "muted", name="Time left for the reading, or the value taken")
+        self.left = controls.label("", "muted", name="Time left for the reading, or the value taken")
         self.left.setToolTip("The run continues without a reading when its time is over")
         self.left.setFixedWidth(
             max(style.text_width(self.left.font(), text) for text in ("skipped in 0:00:00", "+88.88 taken"))
         )
-        self.answer = widgets.row(
+        self.answer = controls.row(
             self.field, self.unit, self.left, None, self.simulated, self.all, self.photo, self.skip
         )
-        self.lines = widgets.row(self.question, (self.answer, 1))
-        widgets.as_card(self, self.lines)
+        self.lines = controls.row(self.question, (self.answer, 1))
+        controls.as_card(self, self.lines)
         self.hide()
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
@@ -87,9 +87,9 @@ class ReadingBar(QFrame):
         self._ask()
         left_s = waiting.time_left_s if waiting is not None else math.inf
         taken = self.run.readings.taken() if waiting is None else ""
-        widgets.set_text(self.left, f"skipped in {duration(left_s)}" if math.isfinite(left_s) else taken)
+        controls.set_text(self.left, f"skipped in {duration(left_s)}" if math.isfinite(left_s) else taken)
         self._show_unit()
-        widgets.set_state(self.left, "warning" if left_s <= SOON_S else "")
+        controls.set_state(self.left, "warning" if left_s <= SOON_S else "")
         simulated = self.run.connection.board is not None
         for control, visible in ((self.simulated, simulated), (self.all, simulated), (self.photo, not simulated)):
             control.setVisible(visible)
@@ -110,8 +110,8 @@ class ReadingBar(QFrame):
         if self._doubted is not None and self._doubted != (step, text):
             self._doubted = None
         again = f": Enter again to take {text.strip()}" if self._doubted is not None else ""
-        widgets.set_text(self.question, f"\u25b2 {warning}{again}" if warning else self._due)
-        widgets.set_state(self.question, "warning" if warning else "")
+        controls.set_text(self.question, f"\u25b2 {warning}{again}" if warning else self._due)
+        controls.set_state(self.question, "warning" if warning else "")
         if self.field.accessibleDescription() != warning:
             self.field.setAccessibleDescription(warning)
 
@@ -126,7 +126,7 @@ class ReadingBar(QFrame):
 
     def _enable(self, due: bool) -> None:
         """Allow an entry, or none; the focus stays in the field instead of moving to the next button."""
-        widgets.set_state(self, "true" if due else "false", "attention")
+        controls.set_state(self, "true" if due else "false", "attention")
         if not due and self.isAncestorOf(QApplication.focusWidget() or self):
             self.field.setFocus()
         self.field.setReadOnly(not due)
@@ -149,7 +149,7 @@ class ReadingBar(QFrame):
     def _show_unit(self) -> None:
         """Show the unit in which the field is typed."""
         unit = self.run.readings.unit
-        widgets.set_text(self.unit, unit if self._narrow else f"{unit}, press Enter")
+        controls.set_text(self.unit, unit if self._narrow else f"{unit}, press Enter")
         self.field.setAccessibleName(f"Elongation in {unit}")
 
     def enter(self) -> None:
@@ -162,7 +162,7 @@ class ReadingBar(QFrame):
             self._ask()
             return
         kept = self.notices.attempt(lambda: self.run.readings.enter(step, text))
-        widgets.set_state(self.field, "" if kept else "true", "wrong")
+        controls.set_state(self.field, "" if kept else "true", "wrong")
         if kept:
             self.field.setText("")
 
@@ -291,13 +291,13 @@ class ReadingsTable(QWidget):
         self.model = ReadingsTableModel(readings, services.notices)
         self.view = ReadingsView(self.model)
         empty = "Each plateau is listed here. Arm and start a plan to begin."
-        self.empty = widgets.label(empty, "muted", wrap=True)
+        self.empty = controls.label(empty, "muted", wrap=True)
         self.empty.setAlignment(Qt.AlignmentFlag.AlignTop)
-        self.count = widgets.label("", "small")
-        paste = widgets.button("Paste", self.paste, tip="A column from a spreadsheet, from the selected row on")
-        buttons = widgets.row(paste, widgets.button("Import …", self.import_), None)
+        self.count = controls.label("", "small")
+        paste = controls.button("Paste", self.paste, tip="A column from a spreadsheet, from the selected row on")
+        buttons = controls.row(paste, controls.button("Import …", self.import_), None)
         parts = (self.empty, self.view, self.count, buttons)
-        self.setLayout(widgets.column(*parts, spacing=style.GAP, margins=(0, 0, 0, 0)))
+        self.setLayout(controls.column(*parts, spacing=style.GAP, margins=(0, 0, 0, 0)))
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the rows as they are now."""
@@ -306,7 +306,7 @@ class ReadingsTable(QWidget):
         self.model.show_rows(rows)
         self.empty.setVisible(not rows)
         self.view.setVisible(bool(rows))
-        widgets.set_text(self.count, self.readings.summary(rows))
+        controls.set_text(self.count, self.readings.summary(rows))
         if len(rows) > before:
             self.view.scrollToBottom()
 
@@ -326,12 +326,12 @@ class ReadingsTab(QWidget):
     def __init__(self, table: ReadingsTable, camera: CameraPanel, services: Services) -> None:
         super().__init__()
         self.table, self.camera, self.services = table, camera, services
-        self.choice = widgets.choice("Source of the readings", WAYS, self.choose, tip=WAYS_TIP)
+        self.choice = controls.choice("Source of the readings", WAYS, self.choose, tip=WAYS_TIP)
         show = partial(services.show, Panel.PHOTOGRAPH)
-        self.photograph = widgets.button("Open a photograph \u2026", show, tip="Clicks on the grid give the reading")
-        head = widgets.row(widgets.label("Source", "muted"), self.choice, None)
+        self.photograph = controls.button("Open a photograph \u2026", show, tip="Clicks on the grid give the reading")
+        head = controls.row(controls.label("Source", "muted"), self.choice, None)
         parts = (head, self.photograph, (camera, 3), (table, 2))
-        self.setLayout(widgets.column(*parts, spacing=style.GAP, margins=(0, style.GAP, 0, 0)))
+        self.setLayout(controls.column(*parts, spacing=style.GAP, margins=(0, style.GAP, 0, 0)))
         self.choose(services.preferences.get("reading_source", BY_HAND))
 
     def choose(self, source: str) -> None:

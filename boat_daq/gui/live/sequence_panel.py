@@ -23,7 +23,7 @@ from PySide6.QtWidgets import (
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
 from boat_daq.gui import style
 from boat_daq.gui.style import Theme
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.common.services import Panel, Services
@@ -124,21 +124,21 @@ class SequencePanel(QFrame):
         super().__init__()
         self.run, self.notices = run, notices
         self.picture = StaircasePicture("The plan and its progress")
-        self.state = widgets.label("", "subtitle")
-        self.progress = widgets.label("", "muted", name="Progress of the run", elide=True)
-        self.uncertainty = widgets.label("", "muted", name="Uncertainty of the run", wrap=True)
+        self.state = controls.label("", "subtitle")
+        self.progress = controls.label("", "muted", name="Progress of the run", elide=True)
+        self.uncertainty = controls.label("", "muted", name="Uncertainty of the run", wrap=True)
         self.uncertainty.hide()
         self._low = False
         self.buttons: dict[str, QPushButton] = {
-            key: widgets.button(text, partial(self.press, key), "primary" if key in PRIMARY else "", tip=tip)
+            key: controls.button(text, partial(self.press, key), "primary" if key in PRIMARY else "", tip=tip)
             for key, (text, tip) in BUTTONS.items()
         }
         rest, fit = "Run the remaining cycles, in the same recording", "Fit the curve to the readings of this run"
-        self.resume = widgets.button("", self._resume, "primary", tip=rest)
-        self.calibrate = widgets.button("Calibrate", self._calibrate, "primary", tip=fit)
-        head = widgets.row(self.state, (self.progress, 1), *self.buttons.values(), self.resume, self.calibrate)
-        self.inside = widgets.column(head, self.uncertainty, (self.picture, 1))
-        widgets.as_card(self, self.inside)
+        self.resume = controls.button("", self._resume, "primary", tip=rest)
+        self.calibrate = controls.button("Calibrate", self._calibrate, "primary", tip=fit)
+        head = controls.row(self.state, (self.progress, 1), *self.buttons.values(), self.resume, self.calibrate)
+        self.inside = controls.column(head, self.uncertainty, (self.picture, 1))
+        controls.as_card(self, self.inside)
 
     def fold(self, low: bool) -> None:
         """Show no picture of the plan in a low window."""
@@ -170,7 +170,7 @@ class SequencePanel(QFrame):
         measure = self.progress.fontMetrics().horizontalAdvance
         texts = [progress_text(snapshot, leave_out, self.run.sequence.units) for leave_out in range(3)]
         shown = next((text for text in texts if measure(text) <= self.progress.width()), texts[-1])
-        widgets.set_text(self.progress, shown or self.run.sequence.line(snapshot))
+        controls.set_text(self.progress, shown or self.run.sequence.line(snapshot))
 
     def _show_uncertainty(self, text: str) -> None:
         """Show the uncertainty in a line of its own, wrapped: no number of it is ever cut."""
@@ -199,21 +199,21 @@ class SequencePanel(QFrame):
         offered, first_cycle = self.run.calibration.open, self.run.resumption.first_cycle
         self.calibrate.setVisible(offered)
         self.resume.setVisible(bool(first_cycle) and not self.buttons["arm"].isHidden())
-        widgets.set_text(self.resume, f"Resume at cycle {first_cycle}")
-        widgets.set_text(self.buttons["start"], f"Start at cycle {first_cycle}" if first_cycle else "Start")
+        controls.set_text(self.resume, f"Resume at cycle {first_cycle}")
+        controls.set_text(self.buttons["start"], f"Start at cycle {first_cycle}" if first_cycle else "Start")
         paused = snapshot.progress if snapshot.state is SessionState.PAUSED else None
-        widgets.set_text(self.buttons["resume"], f"Resume at cycle {paused.cycle + 1}" if paused else "Resume")
+        controls.set_text(self.buttons["resume"], f"Resume at cycle {paused.cycle + 1}" if paused else "Resume")
         arm, (text, tip) = self.buttons["arm"], START_OVER if first_cycle else BUTTONS["arm"]
-        widgets.set_text(arm, text)
+        controls.set_text(arm, text)
         held = bool(holding_text(snapshot))  # vent or set another pressure first; arming is possible
-        widgets.set_state(arm, "" if first_cycle or offered or held else "primary", "role")
-        widgets.set_state(self.calibrate, "" if self.resume.isVisible() else "primary", "role")
+        controls.set_state(arm, "" if first_cycle or offered or held else "primary", "role")
+        controls.set_state(self.calibrate, "" if self.resume.isVisible() else "primary", "role")
         arm.setToolTip(tip)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show state, progress and the buttons that may be pressed."""
         model = self.run.sequence
-        widgets.set_text(self.state, state_text(snapshot, self.run.sequence.units))
+        controls.set_text(self.state, state_text(snapshot, self.run.sequence.units))
         self._show_progress(snapshot)
         self._show_uncertainty(self.run.uncertainty_text(snapshot))
         allowed = model.allowed(snapshot)
@@ -235,34 +235,34 @@ class PlanForm(QScrollArea):
         self.units: list[tuple[QLabel, str]] = []
         self.setWidgetResizable(True)
         self.setAccessibleName("Plan, manual pressure and elongation")
-        layout = widgets.column(
+        layout = controls.column(
             self._plan_card(), self._pressure_card(), self._elongation_card(), None, spacing=style.GAP
         )
-        self.setWidget(widgets.holder(layout))
+        self.setWidget(controls.holder(layout))
         layout.setContentsMargins(0, style.GAP, 0, 0)
 
     def _plan_card(self) -> QFrame:
         sequence = self.sequence
-        self.choice = widgets.choice("Plan", [(name, name) for name in sequence.plans], sequence.choose)
+        self.choice = controls.choice("Plan", [(name, name) for name in sequence.plans], sequence.choose)
         self.fields = {entry.key: self._field(entry.key, entry.label, entry.help) for entry in PLAN_ENTRIES}
-        self.refused = widgets.label("", wrap=True, name="Why the entry is invalid")
-        self.estimate = widgets.label("", "muted", wrap=True)
+        self.refused = controls.label("", wrap=True, name="Why the entry is invalid")
+        self.estimate = controls.label("", "muted", wrap=True)
         self.ask_readings = QCheckBox("Wait for each reading")
         self.ask_readings.setChecked(sequence.wait_for_reading)
         self.ask_readings.toggled.connect(sequence.require_readings)
-        self.edit = widgets.button(
+        self.edit = controls.button(
             "Edit \u2026", self._toggle_more, tip="Pressures, rates, segments, files of the plan"
         )
         self.edit.setCheckable(True)
         shown, more = PLAN_ENTRIES[:1], PLAN_ENTRIES[1:]
-        self.more = widgets.inside(widgets.column(*self._more(more), spacing=style.GAP))
+        self.more = controls.inside(controls.column(*self._more(more), spacing=style.GAP))
         self.more.hide()
-        plan, _ = widgets.card(
-            widgets.row(widgets.label("Plan", "subtitle"), None, self.choice),
-            widgets.form((entry.label, self.fields[entry.key], entry.unit) for entry in shown),
+        plan, _ = controls.card(
+            controls.row(controls.label("Plan", "subtitle"), None, self.choice),
+            controls.form((entry.label, self.fields[entry.key], entry.unit) for entry in shown),
             self.ask_readings,
             self.refused,
-            widgets.row((self.estimate, 1), self.edit),
+            controls.row((self.estimate, 1), self.edit),
             self.more,
         )
         return plan
@@ -270,19 +270,20 @@ class PlanForm(QScrollArea):
     def _more(self, entries: Sequence[Entry]) -> tuple[QLayout, ...]:
         """Return what is seldom changed: the other entries, when a run ends early, segments and files."""
         self.rows: dict[str, tuple[QWidget, QWidget, QWidget]] = {
-            entry.key: (widgets.label(entry.label), self.fields[entry.key], self._unit(entry.unit)) for entry in entries
+            entry.key: (controls.label(entry.label), self.fields[entry.key], self._unit(entry.unit))
+            for entry in entries
         }
-        grid = widgets.form(self.rows.values())
+        grid = controls.form(self.rows.values())
         grid.setHorizontalSpacing(style.STEP)
-        self.asked = widgets.field("", width=FIELD_WIDTH, placeholder="off")
+        self.asked = controls.field("", width=FIELD_WIDTH, placeholder="off")
         self.asked.editingFinished.connect(self._ask)
-        self.asked_label, self.asked_unit = widgets.label(), widgets.label("", "muted")
+        self.asked_label, self.asked_unit = controls.label(), controls.label("", "muted")
         for k, widget in enumerate((self.asked_label, self.asked, self.asked_unit)):
             grid.addWidget(widget, len(entries), k)
         show = partial(self.services.show, Panel.SEGMENTS)
-        self.segments = widgets.button("Segments \u2026", show, tip="Steps, ramps, sines, loops, readings")
-        files = widgets.button("Open \u2026", self.open), widgets.button("Save \u2026", self.save)
-        self.buttons = widgets.row(widgets.row(*files, spacing=style.STEP), self.segments, None, spacing=style.STEP)
+        self.segments = controls.button("Segments \u2026", show, tip="Steps, ramps, sines, loops, readings")
+        files = controls.button("Open \u2026", self.open), controls.button("Save \u2026", self.save)
+        self.buttons = controls.row(controls.row(*files, spacing=style.STEP), self.segments, None, spacing=style.STEP)
         return grid, self.buttons
 
     def _toggle_more(self) -> None:
@@ -295,35 +296,35 @@ class PlanForm(QScrollArea):
         super().resizeEvent(event)
 
     def _pressure_card(self) -> QFrame:
-        self.limits = widgets.label("", "muted", wrap=True)
-        self.target = widgets.field("Target pressure", "0", self._set_pressure, width=FIELD_WIDTH)
-        self.ramp = widgets.field("Ramp of the pressure", "5", width=FIELD_WIDTH)
-        self.set_button = widgets.button("Set pressure", self._set_pressure, tip="Within limits, without a run")
-        manual, _ = widgets.card(
-            widgets.label("Manual pressure", "subtitle"),
-            widgets.form((("Target", self.target, self._unit("kPa")), ("Ramp", self.ramp, self._unit("kPa/s")))),
-            widgets.row((self.limits, 1), self.set_button),
+        self.limits = controls.label("", "muted", wrap=True)
+        self.target = controls.field("Target pressure", "0", self._set_pressure, width=FIELD_WIDTH)
+        self.ramp = controls.field("Ramp of the pressure", "5", width=FIELD_WIDTH)
+        self.set_button = controls.button("Set pressure", self._set_pressure, tip="Within limits, without a run")
+        manual, _ = controls.card(
+            controls.label("Manual pressure", "subtitle"),
+            controls.form((("Target", self.target, self._unit("kPa")), ("Ramp", self.ramp, self._unit("kPa/s")))),
+            controls.row((self.limits, 1), self.set_button),
         )
         return manual
 
     def _elongation_card(self) -> QFrame:
-        self.mm = widgets.field("Target elongation", "0", self._set_elongation, width=FIELD_WIDTH)
+        self.mm = controls.field("Target elongation", "0", self._set_elongation, width=FIELD_WIDTH)
         tip = "Controls the pressure so that the unit has this elongation"
-        self.elongation_button = widgets.button("Set elongation", self._set_elongation, tip=tip)
-        self.elongation = widgets.label("", "muted", wrap=True)
+        self.elongation_button = controls.button("Set elongation", self._set_elongation, tip=tip)
+        self.elongation = controls.label("", "muted", wrap=True)
         self.hold = QCheckBox("Hold pressure if it stops")
         self.hold.setToolTip("Where sensors disagree or the elongation does not follow; otherwise the unit is vented")
         self.hold.toggled.connect(self._hold)
-        elongation, _ = widgets.card(
-            widgets.label("Manual elongation", "subtitle"),
-            widgets.form((("Target", self.mm, self._unit("mm")),)),
+        elongation, _ = controls.card(
+            controls.label("Manual elongation", "subtitle"),
+            controls.form((("Target", self.mm, self._unit("mm")),)),
             self.hold,
-            widgets.row((self.elongation, 1), self.elongation_button),
+            controls.row((self.elongation, 1), self.elongation_button),
         )
         return elongation
 
     def _field(self, key: str, name: str, tip: str) -> QLineEdit:
-        field = widgets.field(name, self.sequence.value(key), width=FIELD_WIDTH)
+        field = controls.field(name, self.sequence.value(key), width=FIELD_WIDTH)
         field.setToolTip(tip)
         field.editingFinished.connect(lambda: self._edit(key, field))
         return field
@@ -331,18 +332,18 @@ class PlanForm(QScrollArea):
     def _show_units(self) -> None:
         """Show the units in which the entries are typed."""
         for label, stored in self.units:
-            widgets.set_text(label, self.sequence.unit(stored))
+            controls.set_text(label, self.sequence.unit(stored))
 
     def _unit(self, stored: str) -> QLabel:
         """Return a label with the unit in which values of a stored one are typed."""
-        label = widgets.label("", "muted")
+        label = controls.label("", "muted")
         self.units.append((label, stored))
         return label
 
     def _ask(self) -> None:
         """Set the uncertainty at which runs end; an empty field runs all cycles."""
         taken = self.services.notices.attempt(partial(self.end_at.enter, self.asked.text()))
-        widgets.set_state(self.asked, "" if taken else "true", "wrong")
+        controls.set_state(self.asked, "" if taken else "true", "wrong")
 
     def _show_asked(self) -> None:
         """Show the uncertainty of the plan's kind, with its unit; an entry that is refused stays with its unit."""
@@ -350,10 +351,10 @@ class PlanForm(QScrollArea):
         if self.asked.property("wrong") == "true" and unit == self.asked_unit.text():
             return
         name, tip = END_AT[unit]
-        widgets.set_text(self.asked_label, name)
-        widgets.set_text(self.asked_unit, unit)
-        widgets.set_text(self.asked, self.end_at.text)
-        widgets.set_state(self.asked, "", "wrong")
+        controls.set_text(self.asked_label, name)
+        controls.set_text(self.asked_unit, unit)
+        controls.set_text(self.asked, self.end_at.text)
+        controls.set_state(self.asked, "", "wrong")
         self.asked.setAccessibleName(", ".join(filter(None, ("Uncertainty at which a run ends", unit))))
         self.asked.setToolTip(tip)
 
@@ -365,9 +366,9 @@ class PlanForm(QScrollArea):
         """Mark the fields with invalid entries, and show why the last one is."""
         refused = self.sequence.refused
         for key, field in self.fields.items():
-            widgets.set_state(field, "true" if key in refused else "", "wrong")
-        widgets.set_text(self.refused, list(refused.values())[-1] if refused else "")
-        widgets.set_state(self.refused, "fault" if refused else "")
+            controls.set_state(field, "true" if key in refused else "", "wrong")
+        controls.set_text(self.refused, list(refused.values())[-1] if refused else "")
+        controls.set_state(self.refused, "fault" if refused else "")
         self.refused.setVisible(bool(refused))
 
     def open(self) -> None:
@@ -402,8 +403,8 @@ class PlanForm(QScrollArea):
             button.setEnabled("arm" in model.allowed(snapshot))
         self.hold.setEnabled(snapshot.elongation is None)
         free = "Connect to a board to set an elongation." if snapshot.limits is None else "Not controlled"
-        widgets.set_text(self.elongation, elongation_text(snapshot, model.units) or free)
-        widgets.set_text(
+        controls.set_text(self.elongation, elongation_text(snapshot, model.units) or free)
+        controls.set_text(
             self.limits, limits_text(snapshot.limits, model.units) or "Connect to a board to set a pressure."
         )
         revision = (model.revision, self.end_at.revision, model.units)
@@ -417,11 +418,11 @@ class PlanForm(QScrollArea):
         self.choice.setCurrentIndex(self.choice.findData(model.plan.name))
         for key, field in self.fields.items():
             if key not in model.refused:
-                widgets.set_text(field, model.value(key))
+                controls.set_text(field, model.value(key))
         unused = {"staircase": (), "continuous": ("step_kpa",)}.get(model.plan.kind, _OF_CYCLES)
         for key, cells in self.rows.items():
             for cell in cells:
                 cell.setVisible(key not in unused)
         self._show_units()
-        widgets.set_text(self.estimate, model.estimate)
+        controls.set_text(self.estimate, model.estimate)
         self._show_refused()

@@ -9,7 +9,7 @@ from functools import partial
 from PySide6.QtWidgets import QComboBox, QDialog, QGridLayout, QWidget
 
 from boat_daq.gui import style
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.viewmodels.common.preferences import UnitChoice
 from boat_daq.viewmodels.common.services import Services
 from protocol.base.units import CHOICES, STORED_UNITS, ShownUnits, as_text
@@ -37,17 +37,17 @@ class UnitsPanel(QDialog):
             entries = [
                 (as_text(unit) if unit != "%" else "% of the length at rest", unit) for unit in CHOICES[quantity]
             ]
-            self.units[quantity] = widgets.choice(f"Unit of {name.lower()}", entries, partial(self._choose, quantity))
-            self.grid.addWidget(widgets.label(name), row, 0)
+            self.units[quantity] = controls.choice(f"Unit of {name.lower()}", entries, partial(self._choose, quantity))
+            self.grid.addWidget(controls.label(name), row, 0)
             self.grid.addWidget(self.units[quantity], row, 1)
-        self.length = widgets.field("Length at rest, mm", on_enter=self._set_length)
+        self.length = controls.field("Length at rest, mm", on_enter=self._set_length)
         self.length.editingFinished.connect(self._set_length)
-        self.grid.addWidget(widgets.label("Length at rest, mm"), len(_NAMES), 0)
+        self.grid.addWidget(controls.label("Length at rest, mm"), len(_NAMES), 0)
         self.grid.addWidget(self.length, len(_NAMES), 1)
-        usual = widgets.button("Stored units", partial(self._use, STORED_UNITS))
-        words = widgets.label(_EXPLANATION, "muted", wrap=True)
-        close = widgets.button("Close", self.close)
-        self.setLayout(widgets.column(words, self.grid, widgets.row(usual, None, close)))
+        usual = controls.button("Stored units", partial(self._use, STORED_UNITS))
+        words = controls.label(_EXPLANATION, "muted", wrap=True)
+        close = controls.button("Close", self.close)
+        self.setLayout(controls.column(words, self.grid, controls.row(usual, None, close)))
         self.refresh()
 
     def refresh(self) -> None:

@@ -24,7 +24,7 @@ from boat_daq.gui.plotting.axes import fixed_plot, paint_axis
 from boat_daq.gui.plotting.plot import sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.style import Theme
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.gui.widgets.layouts import ReflowingPage, Shares
 from boat_daq.viewmodels.common.services import Services
@@ -213,7 +213,7 @@ class MapsCard(PlotCard):
         super().__init__("Figure of merit P", MERIT)
         self.model = model
         counts = [(f"{n} cavities", n) for n in CAVITIES]
-        self.cavities = widgets.choice("Cavities of the maps", counts, lambda _: self.show_sweep())
+        self.cavities = controls.choice("Cavities of the maps", counts, lambda _: self.show_sweep())
         self.cavities.setCurrentIndex(1)
         self.bar.insertWidget(1, self.cavities)
         shades = [QColor(style.sequential(i, SHADES)) for i in range(SHADES)]
@@ -385,17 +385,17 @@ class OpticsPage(ReflowingPage):
         self.slider.setValue(self.model.state)
         self.slider.valueChanged.connect(self._slide)
         self.first = self.slider
-        states = widgets.row(widgets.label("compressed", "small"), self.slider, widgets.label("elongated", "small"))
+        states = controls.row(controls.label("compressed", "small"), self.slider, controls.label("elongated", "small"))
         keep = services.preferences
-        shown = widgets.holder(widgets.column(self._design(), (self.scene, 1), states, spacing=style.GAP))
-        self.details = widgets.inside(widgets.column(self._details(rays, confidence)))
+        shown = controls.holder(controls.column(self._design(), (self.scene, 1), states, spacing=style.GAP))
+        self.details = controls.inside(controls.column(self._details(rays, confidence)))
         self.details.hide()
         self.pareto.hide()
         left = Shares("maps", keep, (self.strip, 2), (self.maps, 5), (self.pareto, 4))
         right = Shares("rays", keep, (shown, 5), (self.response, 4))
         across = Shares("optics", keep, (left, 1), (right, 1), beside=True)
-        layout = widgets.page_layout(self)
-        layout.addWidget(widgets.card(self._answer(), self.details)[0])
+        layout = controls.page_layout(self)
+        layout.addWidget(controls.card(self._answer(), self.details)[0])
         layout.addWidget(across, 1)
         self.rows = (across,)
         self.tall = (self.maps, self.scene, self.response)
@@ -404,18 +404,20 @@ class OpticsPage(ReflowingPage):
     def _answer(self) -> QHBoxLayout:
         """Return which design is best, the paper's, how sure that is, and the buttons for more."""
         attempt = self.services.notices.attempt
-        self.best, self.paper = widgets.label("", "subtitle", wrap=True), widgets.label("", wrap=True)
-        self.certainty = widgets.label("", "muted", wrap=True, name="How sure the best design is")
-        self.outcome = widgets.label("", "muted", wrap=True, name="Result of the search")
-        texts = widgets.column(self.best, self.paper, self.certainty, self.outcome)
-        self.sweep_button = widgets.button("Sweep all designs", lambda: attempt(self._sweep), "primary")
-        self.details_button = widgets.button("Details", self._toggle_details, tip="Ranks, subsets, turns, search, rays")
+        self.best, self.paper = controls.label("", "subtitle", wrap=True), controls.label("", wrap=True)
+        self.certainty = controls.label("", "muted", wrap=True, name="How sure the best design is")
+        self.outcome = controls.label("", "muted", wrap=True, name="Result of the search")
+        texts = controls.column(self.best, self.paper, self.certainty, self.outcome)
+        self.sweep_button = controls.button("Sweep all designs", lambda: attempt(self._sweep), "primary")
+        self.details_button = controls.button(
+            "Details", self._toggle_details, tip="Ranks, subsets, turns, search, rays"
+        )
         self.details_button.setCheckable(True)
-        self.best_button = widgets.button("Show best", self.model.show_best)
-        self.paper_button = widgets.button("Show paper's", self.model.show_paper)
-        shows = widgets.row(self.best_button, self.paper_button)
-        buttons = widgets.column(shows, widgets.row(self.sweep_button, self.details_button))
-        return widgets.row((texts, 1), buttons)
+        self.best_button = controls.button("Show best", self.model.show_best)
+        self.paper_button = controls.button("Show paper's", self.model.show_paper)
+        shows = controls.row(self.best_button, self.paper_button)
+        buttons = controls.column(shows, controls.row(self.sweep_button, self.details_button))
+        return controls.row((texts, 1), buttons)
 
     def _sweep(self) -> None:
         self.model.toggle_sweep(self.model.more_rays)
@@ -430,38 +432,38 @@ class OpticsPage(ReflowingPage):
         """Return the design that is shown, a labelled choice for each of its values."""
         steps = [(f"{step:g}", step) for step in STEPS_MM]
         counts = [(str(n), n) for n in CAVITIES]
-        self.fields = {"cavities": widgets.choice("Number of cavities", counts, self._choose)}
+        self.fields = {"cavities": controls.choice("Number of cavities", counts, self._choose)}
         for name in ("width", "depth", "spacing"):
-            self.fields[name] = widgets.choice(f"{name.capitalize()} in mm", steps, self._choose)
+            self.fields[name] = controls.choice(f"{name.capitalize()} in mm", steps, self._choose)
         faces = [(words, face) for face, words in FACE_NAMES.items()]
         tip = "The wall of the light guide with the cavities, or voids on its midline"
-        self.face = widgets.choice("Face with the cavities", faces, self._choose, tip=tip)
+        self.face = controls.choice("Face with the cavities", faces, self._choose, tip=tip)
         names = ("Cavities", "Width, mm", "Depth, mm", "Spacing, mm", "Face")
-        return widgets.inside(labelled(zip(names, (*self.fields.values(), self.face), strict=True)))
+        return controls.inside(labelled(zip(names, (*self.fields.values(), self.face), strict=True)))
 
     def _details(self, rays: TypedText, confidence: TypedText) -> QHBoxLayout:
         """Return the ranks of the sweep, and how it is traced and searched."""
         curves = [*((words, name) for name, words in CURVE_NAMES.items()), ("From a file \u2026", FROM_FILE)]
         tip = "Shape of the actuator's wall in each state: computed, by a formula, or measured"
-        self.curves = widgets.choice("Deformation curves", curves, self._choose_curves, tip=tip)
+        self.curves = controls.choice("Deformation curves", curves, self._choose_curves, tip=tip)
         attempt = self.services.notices.attempt
-        self.rays = widgets.typed("Rays", rays, attempt, tip=RAYS_TIP)
-        self.confidence = widgets.typed("Confidence of the search's race", confidence, attempt, tip=RACE_TIP)
+        self.rays = controls.typed("Rays", rays, attempt, tip=RAYS_TIP)
+        self.confidence = controls.typed("Confidence of the search's race", confidence, attempt, tip=RACE_TIP)
         rankings = [(words, by) for by, words in RANKINGS.items()]
         tip = "Detected rays are counted as in the paper; power includes every reflection and takes five times as long"
-        self.by = widgets.choice("Ranking", rankings, self.model.set_by, tip=tip)
+        self.by = controls.choice("Ranking", rankings, self.model.set_by, tip=tip)
         tip = "Search width, depth, spacing, count and face beyond the grid, under a minute"
-        self.search_button = widgets.button("Optimise", partial(attempt, self.model.toggle_search), tip=tip)
-        self.show_button = widgets.button("Show it", self.model.show_optimum, name="Show the optimised design")
-        self.ranks = widgets.label("", "muted", wrap=True, name="Ranks, turns and errors of the sweep")
+        self.search_button = controls.button("Optimise", partial(attempt, self.model.toggle_search), tip=tip)
+        self.show_button = controls.button("Show it", self.model.show_optimum, name="Show the optimised design")
+        self.ranks = controls.label("", "muted", wrap=True, name="Ranks, turns and errors of the sweep")
         fields = (
             ("Shape", self.curves),
             ("Rays", self.rays),
             ("Ranking", self.by),
             ("Race of the search", self.confidence),
         )
-        settings = widgets.column(labelled(fields), widgets.row(self.search_button, self.show_button, None))
-        return widgets.row((self.ranks, 1), settings)
+        settings = controls.column(labelled(fields), controls.row(self.search_button, self.show_button, None))
+        return controls.row((self.ranks, 1), settings)
 
     def _choose(self, _: object) -> None:
         n, width, depth, spacing = (field.currentData() for field in self.fields.values())
@@ -502,7 +504,7 @@ class OpticsPage(ReflowingPage):
             model.choose(model.values)
         self._show_buttons()
         if model.running("optics"):
-            widgets.set_text(self.response.readout, model.design_text())  # how much is done
+            controls.set_text(self.response.readout, model.design_text())  # how much is done
             if model.result is None:
                 self.scene.show_state(model)
                 self.response.show_result(model)
@@ -525,9 +527,9 @@ class OpticsPage(ReflowingPage):
     def _show_buttons(self) -> None:
         model = self.model
         more = f"Trace {number(model.more_rays, 0)} rays" if model.more_rays else "Sweep all designs"
-        widgets.set_text(self.sweep_button, "Stop the sweep" if model.running("sweep") else more)
-        widgets.set_state(self.sweep_button, "" if model.more_rays else "primary", "role")
-        widgets.set_text(self.search_button, "Stop the search" if model.running("optimise") else "Optimise")
+        controls.set_text(self.sweep_button, "Stop the sweep" if model.running("sweep") else more)
+        controls.set_state(self.sweep_button, "" if model.more_rays else "primary", "role")
+        controls.set_text(self.search_button, "Stop the search" if model.running("optimise") else "Optimise")
 
     def _show_answer(self) -> None:
         """Show which design is best, and how sure that is."""
@@ -553,7 +555,7 @@ def labelled(fields: Iterable[tuple[str, QWidget]]) -> QGridLayout:
     grid = QGridLayout()
     grid.setVerticalSpacing(0)
     for k, (name, field) in enumerate(fields):
-        grid.addWidget(widgets.label(name, "small"), 0, k)
+        grid.addWidget(controls.label(name, "small"), 0, k)
         grid.addWidget(field, 1, k)
     grid.setColumnStretch(grid.columnCount(), 1)
     return grid

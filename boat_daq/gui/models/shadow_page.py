@@ -11,7 +11,7 @@ from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.layouts import ReflowingPage, Shares
 from boat_daq.viewmodels.common.services import Services
@@ -72,7 +72,7 @@ class CyclesCard(PlotCard):
         super().__init__("Cycle by cycle", _CYCLES)
         self.monitor = monitor
         figures = [(s.title, name) for name, s in SERIES.items()]
-        self.figure = widgets.choice("Figure of each cycle", figures, lambda _: self.show_cycles())
+        self.figure = controls.choice("Figure of each cycle", figures, lambda _: self.show_cycles())
         self.bar.insertWidget(1, self.figure)
         self.plot = self.add("Deviation", "mm", x_title="Cycle")
         self.points = self.plot.points("Each cycle", lambda t: t.elongation)
@@ -109,17 +109,17 @@ class ShadowPage(ReflowingPage):
         self.pane.setContentsMargins(0, -style.GAP, 0, 0)
         self.nominal, self.cycles = NominalCard(), CyclesCard(monitor)
         plots = Shares("shadow plots", services.preferences, (self.nominal, 4), (self.cycles, 3))
-        right = widgets.holder(widgets.column((plots, 1), self._alarms(), spacing=style.GAP))
+        right = controls.holder(controls.column((plots, 1), self._alarms(), spacing=style.GAP))
         across = Shares("shadow", services.preferences, (self.pane, 2), (right, 3), beside=True)
-        widgets.page_layout(self).addWidget(across)
+        controls.page_layout(self).addWidget(across)
         self.rows, self.tall = (across,), (self.pane.view, self.nominal, self.cycles)
         self.startTimer(FRAME_MS)
 
     def _alarms(self) -> QWidget:
-        self.verdict = widgets.label("", "muted", name="State of the monitor", wrap=True)
+        self.verdict = controls.label("", "muted", name="State of the monitor", wrap=True)
         self.alarms = DataTable("Alarms of the monitor, the newest on top", ALARM_HEADINGS)
         self.alarms.setFixedHeight(ALARM_LINES * style.CONTROL_HEIGHT)
-        return widgets.card(widgets.row(widgets.label("Alarms", "subtitle"), (self.verdict, 1)), self.alarms)[0]
+        return controls.card(controls.row(controls.label("Alarms", "subtitle"), (self.verdict, 1)), self.alarms)[0]
 
     def showEvent(self, event: QShowEvent) -> None:
         """Prepare a shadow whose preparation was cancelled."""

@@ -17,7 +17,7 @@ from boat_daq.gui.plotting.axes import LogAxis
 from boat_daq.gui.plotting.plot import Plot, PlotBox, sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.style import Theme
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.viewmodels.common import tables
 from boat_daq.viewmodels.models.tradeoff import CHOICE, ENTRIES, FRONT, MethodChart, TradeoffPoint
 from protocol.base.arrays import FloatArray
@@ -81,7 +81,7 @@ class TradeoffCard(PlotCard):
         self.settings = self.plot.points("Settings", sensor_colour(1))
         self.notices, self.sufficient = limit_lines(self.plot)
         self.numbers = self.plot.labels(NUMBER_ANCHOR)
-        self.key = widgets.label(_KEY, "small", wrap=True, name="Key of the chart")
+        self.key = controls.label(_KEY, "small", wrap=True, name="Key of the chart")
         self.inside.addWidget(self.key)
         self.shown: MethodChart | None = None
 

@@ -13,7 +13,7 @@ from boat_daq.gui import style
 from boat_daq.gui.plotting.axes import fixed_plot, paint_axis
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.style import Theme
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.viewmodels.common import tables
 from boat_daq.viewmodels.models.failure_maps import OUTCOMES, AtlasModel, MapView
 
@@ -75,13 +75,13 @@ class AtlasCard(PlotCard):
     def __init__(self, model: AtlasModel, attempt: Any) -> None:
         super().__init__("Where the method works")
         self.model, self.method = model, ""
-        self.legend = widgets.label("", "small", wrap=True, name="Legend of the maps")
+        self.legend = controls.label("", "small", wrap=True, name="Legend of the maps")
         self.legend.setTextFormat(Qt.TextFormat.RichText)
-        self.sweep = widgets.button(
+        self.sweep = controls.button(
             "Map", lambda: attempt(partial(model.toggle, self.method)), name="Map where it works"
         )
         self.bar.insertWidget(1, self.sweep)
-        self.words = widgets.label("", "small", name="The case under the mouse", wrap=True)
+        self.words = controls.label("", "small", name="The case under the mouse", wrap=True)
         self.inside.addWidget(self.legend)
         self.inside.addWidget(self.words)
         self.items: list[tuple[Any, MapCells]] = []
@@ -106,9 +106,9 @@ class AtlasCard(PlotCard):
 
     def refresh(self) -> None:
         """Show the sweep under way."""
-        widgets.set_text(self.sweep, "Stop" if self.model.job is not None else "Map")
-        widgets.allow(self.sweep, self.model.no_map(self.method) if self.model.job is None else "")
-        widgets.set_text(self.readout, self.model.status(self.method))
+        controls.set_text(self.sweep, "Stop" if self.model.job is not None else "Map")
+        controls.allow(self.sweep, self.model.no_map(self.method) if self.model.job is None else "")
+        controls.set_text(self.readout, self.model.status(self.method))
 
     def _add(self, column: int, shown: MapView, most: int) -> None:
         item, cells = fixed_plot(), MapCells(shown)

@@ -16,7 +16,7 @@ from boat_daq.formatting import duration_text, number, quantity
 from boat_daq.gui.models.tradeoff_chart import NUMBER_ANCHOR, framed, limit_lines, log_card
 from boat_daq.gui.plotting.plot import sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.wrapped_table import WrappedTable
 from boat_daq.viewmodels.common import tables
 from boat_daq.viewmodels.models.tradeoff import JOB_NAMES, METHOD_NAMES, OVERVIEW, ROWS, TradeoffModel
@@ -48,7 +48,7 @@ class OverviewCard(PlotCard):
         self.noticed.setValue(math.log10(100.0))
         accepted.setValue(math.log10(100.0 / MARGIN))
         self.numbers = self.plot.labels(NUMBER_ANCHOR)
-        self.inside.addWidget(widgets.label(_KEY, "small", wrap=True, name="Key of the overview"))
+        self.inside.addWidget(controls.label(_KEY, "small", wrap=True, name="Key of the overview"))
         self.view.setCursor(Qt.CursorShape.PointingHandCursor)
         self.view.scene().sigMouseClicked.connect(lambda event: self.click(event.scenePos()))
         self._at: dict[str, tuple[float, float]] = {}

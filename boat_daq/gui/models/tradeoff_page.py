@@ -15,7 +15,7 @@ from boat_daq.gui.models.tradeoff_chart import NOT_MEASURED, TradeoffCard
 from boat_daq.gui.models.tradeoff_jobs import measure_methods
 from boat_daq.gui.models.tradeoff_maps import AtlasCard
 from boat_daq.gui.models.tradeoff_overview import DefaultsTable, OverviewCard
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.layouts import ReflowingPage, Shares
 from boat_daq.gui.widgets.wrapped_table import WrappedTable
 from boat_daq.viewmodels.common.preferences import Precision
@@ -95,35 +95,35 @@ class TradeoffPage(ReflowingPage):
         self.chart, self.table = TradeoffCard(), SettingsTable()
         self.overview, self.defaults = OverviewCard(model), DefaultsTable(model)
         self.atlas = AtlasCard(atlas, services.notices.attempt)
-        self.explanation = widgets.label("", "muted", wrap=True, name="The rule and its choice")
-        self.measured = widgets.label("", "small", wrap=True)
-        widgets.page_layout(self).addLayout(widgets.row(self._side(), (self._right(), 1)))
+        self.explanation = controls.label("", "muted", wrap=True, name="The rule and its choice")
+        self.measured = controls.label("", "small", wrap=True)
+        controls.page_layout(self).addLayout(controls.row(self._side(), (self._right(), 1)))
 
     def _side(self) -> QWidget:
         levels = [(PRECISIONS[n], n) for n in LEVELS]
         tip = "Precision of optics, shadow, uncertainty and live plots"
-        self.level = widgets.choice("Precision of the program", levels, self.precision.choose, tip=tip)
+        self.level = controls.choice("Precision of the program", levels, self.precision.choose, tip=tip)
         toggle = partial(self.services.notices.attempt, self.model.toggle)
-        self.start = widgets.button(MEASURE, toggle, "primary", tip=MEASURE_TIP)
+        self.start = controls.button(MEASURE, toggle, "primary", tip=MEASURE_TIP)
         self.progress = QProgressBar()
         self.progress.setAccessibleName("Progress of the measurement")
-        self.status = widgets.label("", "small", wrap=True)
-        methods = widgets.label("Methods", "subtitle"), (self.methods, 1)
+        self.status = controls.label("", "small", wrap=True)
+        methods = controls.label("Methods", "subtitle"), (self.methods, 1)
         measurement = (self.start, self.progress, self.status, self.measured)
-        frame, _ = widgets.card(*methods, *measurement, style.GAP, widgets.label("Precision", "subtitle"), self.level)
+        frame, _ = controls.card(*methods, *measurement, style.GAP, controls.label("Precision", "subtitle"), self.level)
         frame.setFixedWidth(style.PANE_WIDTH_NARROW + 4 * style.STEP)
         return frame
 
     def _right(self) -> QVBoxLayout:
-        self.table_card, _ = widgets.card((self.table, 1), self.explanation)
+        self.table_card, _ = controls.card((self.table, 1), self.explanation)
         keep = self.services.preferences
         self.upper = Shares("settings", keep, (self.chart, 9), (self.table_card, 8), beside=True)
         self.one = Shares("trade-off", keep, (self.upper, 3), (self.atlas, 2))
-        defaults, _ = widgets.card((self.defaults, 1))
+        defaults, _ = controls.card((self.defaults, 1))
         self.all = Shares("overview", keep, (self.overview, 5), (defaults, 6))
         self.rows, self.tall = (self.upper,), (self.chart, self.table_card, self.overview, defaults)
         self.reflow()
-        right = widgets.column((self.one, 1), (self.all, 1), spacing=style.GAP)
+        right = controls.column((self.one, 1), (self.all, 1), spacing=style.GAP)
         right.addStretch(0)  # takes the rest where only the small card of the maps is shown
         return right
 
@@ -136,12 +136,12 @@ class TradeoffPage(ReflowingPage):
         """Show the progress of the measurement; the rest where it has changed."""
         self.level.setCurrentIndex(self.level.findData(self.precision.level))
         job = self.model.job
-        widgets.set_text(self.start, "Cancel" if job is not None else MEASURE)
+        controls.set_text(self.start, "Cancel" if job is not None else MEASURE)
         self.progress.setVisible(job is not None)
         if job is not None:
             self.progress.setRange(0, 0 if job.fraction is None else 1000)
             self.progress.setValue(job.permille)
-        widgets.set_text(self.status, self.model.status())
+        controls.set_text(self.status, self.model.status())
         self.status.setVisible(bool(self.status.text()))
         self.atlas.refresh()
         revision = (self.model.revision, self.maps.revision)

@@ -21,7 +21,7 @@ from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Plot, make_item
 from boat_daq.gui.plotting.row_borders import USUAL_SHARE, RowBorders
 from boat_daq.gui.style import Theme
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.viewmodels.common import tables
 from boat_daq.viewmodels.common.preferences import Preferences
 from protocol.base.errors import RequestError
@@ -59,21 +59,21 @@ class PlotCard(QFrame):
         self.view.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
         self.view.customContextMenuRequested.connect(self._open_menu)
         self.borders = RowBorders(self.view, self.plots)
-        self.heading = widgets.ElidedLabel(title if show_title else "")
+        self.heading = controls.ElidedLabel(title if show_title else "")
         self.heading.setTextFormat(Qt.TextFormat.PlainText)
         self.heading.setProperty("role", "subtitle")
         self.heading.least = style.HEADING_LEAST
         self.heading.explain(explanation)
-        self.readout = widgets.label("", "small", elide=True)
+        self.readout = controls.label("", "small", elide=True)
         self._exports = partial(self.copy_wanted.emit, self), partial(self.save_wanted.emit, self)
         tip = "Copy or save this plot; while this button has the focus, Ctrl+S saves it too"
         self.menu_button = export_button(title, tip, *self._exports)
-        self.bar = widgets.row(self.heading, None, self.readout, self.menu_button)
-        self.empty_text = widgets.label("", "muted", wrap=True)
+        self.bar = controls.row(self.heading, None, self.readout, self.menu_button)
+        self.empty_text = controls.label("", "muted", wrap=True)
         self.empty_text.setAlignment(Qt.AlignmentFlag.AlignCenter)
         self.empty_text.hide()
         margins = (style.CARD_PADDING, style.GAP, style.STEP, style.STEP)
-        self.inside = widgets.column(self.bar, (self.view, 1), (self.empty_text, 1), spacing=0, margins=margins)
+        self.inside = controls.column(self.bar, (self.view, 1), (self.empty_text, 1), spacing=0, margins=margins)
         self.setLayout(self.inside)
 
     def _open_menu(self, at: QPoint) -> None:
@@ -194,7 +194,7 @@ class PlotCard(QFrame):
 
     def show_empty(self, text: str) -> None:
         """Show `text` in place of the plots, as empty axes look like data; an empty text shows the plots."""
-        widgets.set_text(self.empty_text, text)
+        controls.set_text(self.empty_text, text)
         if self.empty_text.isHidden() is bool(text):
             self.empty_text.setVisible(bool(text))
             self.view.setVisible(not text)

@@ -27,7 +27,7 @@ from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot_card import export_button, save_export
 from boat_daq.gui.style import Theme
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.connection import age_text
@@ -204,12 +204,12 @@ class ShadowPane(QWidget):
         super().__init__()
         self.model, self.services = model, services
         self.view = ShadowView()
-        self.quantity = widgets.choice("Colour shows", [(name.capitalize(), name) for name in SCALES], self._choose)
+        self.quantity = controls.choice("Colour shows", [(name.capitalize(), name) for name in SCALES], self._choose)
         self.frame_time = QAction("Show frame time", self)
         self.frame_time.setCheckable(True)
         self.frame_time.toggled.connect(partial(setattr, model, "show_cost"))
-        self.names = [widgets.label("", "muted") for _ in range(LINES)]
-        self.values = [widgets.label("", wrap=True) for _ in range(LINES)]
+        self.names = [controls.label("", "muted") for _ in range(LINES)]
+        self.values = [controls.label("", wrap=True) for _ in range(LINES)]
         grid = QGridLayout()
         grid.setVerticalSpacing(2)
         grid.setColumnStretch(1, 1)
@@ -218,10 +218,10 @@ class ShadowPane(QWidget):
             grid.addWidget(value, i, 1)
             name.setAlignment(Qt.AlignmentFlag.AlignTop)
             value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignTop)
-        self.colour = widgets.label("Colour", "muted")
-        head = widgets.row(self.colour, self.quantity, None, self._menu_button())
-        frame, _ = widgets.card(head, (self.view, 1), grid)
-        self.setLayout(widgets.column(frame, margins=(0, style.GAP, 0, 0)))
+        self.colour = controls.label("Colour", "muted")
+        head = controls.row(self.colour, self.quantity, None, self._menu_button())
+        frame, _ = controls.card(head, (self.view, 1), grid)
+        self.setLayout(controls.column(frame, margins=(0, style.GAP, 0, 0)))
         self._choose(model.quantity)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -298,6 +298,6 @@ class ShadowPane(QWidget):
             shown = (("Last data", age, "off"), *((name, value, "off") for name, value, _ in shown))
         lines = [*shown, *[("", "", "")] * LINES]
         for name, value, (name_text, value_text, state) in zip(self.names, self.values, lines, strict=False):
-            widgets.set_text(name, name_text)
-            widgets.set_text(value, value_text)
-            widgets.set_state(value, state)
+            controls.set_text(name, name_text)
+            controls.set_text(value, value_text)
+            controls.set_state(value, state)

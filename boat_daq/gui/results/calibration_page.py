@@ -22,7 +22,7 @@ from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.gui.results.contributions_form import ContributionsForm
 from boat_daq.gui.results.figure_table import SIDE, FigureTable, KeyFigures
 from boat_daq.gui.results.repeat_page import limit_lines
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.gui.widgets.layouts import Divided, EmptyState, Leaves, Shares
@@ -194,7 +194,7 @@ class TextArea(QScrollArea):
         self.setWidgetResizable(True)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setAccessibleName("Warnings of this run")
-        self.texts = widgets.inside(texts)
+        self.texts = controls.inside(texts)
         self.setWidget(self.texts)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -235,7 +235,7 @@ class CalibrationPage(QWidget):
             partial(services.notices.attempt, model.analyse_current),
         )
         self.stack = Leaves(empty, self._filled())
-        widgets.page_layout(self).addWidget(self.stack)
+        controls.page_layout(self).addWidget(self.stack)
 
     @property
     def plots(self) -> tuple[PlotCard, ...]:
@@ -261,44 +261,46 @@ class CalibrationPage(QWidget):
 
     def _filled(self) -> QWidget:
         self.missing = EmptyState("", "", "Enter readings \u2026", self._next_step)
-        self.upper = Leaves(widgets.holder(self.curve_grid), self.missing)
-        widgets.grow(self.upper)
+        self.upper = Leaves(controls.holder(self.curve_grid), self.missing)
+        controls.grow(self.upper)
         left = Shares("curves", self.services.preferences, (self.upper, 5), (self.loops, 4))
         sides = Divided("calibration", self.services.preferences, left, self._side(), SIDE, stacks=True)
-        return widgets.holder(widgets.column(self._head(), (sides, 1), spacing=style.GAP))
+        return controls.holder(controls.column(self._head(), (sides, 1), spacing=style.GAP))
 
     def _head(self) -> QWidget:
-        self.verdict = widgets.label("", "title", wrap=True, name="Verdict")
-        self.detail = widgets.label("", wrap=True, name="Limits, and where the calibration is used")
-        self.headline = widgets.label("", "muted", elide=True)
-        self.more = widgets.menu_button("More \u25be", "Analyse again, open another run, sample the uncertainty bands")
+        self.verdict = controls.label("", "title", wrap=True, name="Verdict")
+        self.detail = controls.label("", wrap=True, name="Limits, and where the calibration is used")
+        self.headline = controls.label("", "muted", elide=True)
+        self.more = controls.menu_button("More \u25be", "Analyse again, open another run, sample the uncertainty bands")
         self.again = self.more.menu().addAction("Analyse again", self._again)
         self.more.menu().addAction("Open \u2026", self._open)
         self.sample = self.more.menu().addAction(BANDS, partial(self.services.notices.attempt, self.model.sample))
         self.sample.setToolTip(BANDS_TIP)
         self.more.menu().setToolTipsVisible(True)
-        self.report = widgets.button("Report \u2026", partial(self.services.show, Panel.REPORT))
-        self.certificate = widgets.button("Certificate …", self.show_certificate, tip=CERTIFICATE_TIP)
-        self.accept = widgets.button(ACCEPT, self._accept, "primary", tip=ACCEPT_TIP)
-        self.buttons = widgets.row(self.more, self.report, self.certificate, self.accept)
-        self.head = widgets.row((widgets.column(self.verdict, self.detail, self.headline, spacing=0), 1), self.buttons)
-        return widgets.card(self.head, self._check(), self._warnings())[0]
+        self.report = controls.button("Report \u2026", partial(self.services.show, Panel.REPORT))
+        self.certificate = controls.button("Certificate …", self.show_certificate, tip=CERTIFICATE_TIP)
+        self.accept = controls.button(ACCEPT, self._accept, "primary", tip=ACCEPT_TIP)
+        self.buttons = controls.row(self.more, self.report, self.certificate, self.accept)
+        self.head = controls.row(
+            (controls.column(self.verdict, self.detail, self.headline, spacing=0), 1), self.buttons
+        )
+        return controls.card(self.head, self._check(), self._warnings())[0]
 
     def _open(self) -> None:
         ask_open(self, self.services, "Open a recording or a table", "boat csv", self.services.open)
 
     def _check(self) -> QWidget:
         """Return the line with the readings to be checked and the three ways to settle them."""
-        self.to_check = widgets.label("", wrap=True, name="Readings to be checked")
-        self.correct = widgets.button("Correct \u2026", self._edit_readings, tip="Type what the grid shows")
+        self.to_check = controls.label("", wrap=True, name="Readings to be checked")
+        self.correct = controls.button("Correct \u2026", self._edit_readings, tip="Type what the grid shows")
         leave = partial(self.services.notices.attempt, self.model.leave_out_readings)
-        self.leave_out = widgets.button("Leave out", leave, tip="Withdraw it from the curve (undo: Ctrl+Z)")
+        self.leave_out = controls.button("Leave out", leave, tip="Withdraw it from the curve (undo: Ctrl+Z)")
         hint = "Reason, such as: read again"
-        self.reason = widgets.field("Reason to keep the reading", on_enter=self._confirm, placeholder=hint)
+        self.reason = controls.field("Reason to keep the reading", on_enter=self._confirm, placeholder=hint)
         self.reason.setFixedWidth(style.PANE_WIDTH_NARROW)
-        self.confirm = widgets.button("Confirm", self._confirm, tip="Keep it; the reason is stored with the reading")
-        ways = widgets.row(self.correct, self.leave_out, self.reason, self.confirm, None)
-        self.check_line = widgets.inside(widgets.column(self.to_check, ways))
+        self.confirm = controls.button("Confirm", self._confirm, tip="Keep it; the reason is stored with the reading")
+        ways = controls.row(self.correct, self.leave_out, self.reason, self.confirm, None)
+        self.check_line = controls.inside(controls.column(self.to_check, ways))
         self.check_line.hide()
         return self.check_line
 
@@ -308,11 +310,11 @@ class CalibrationPage(QWidget):
 
     def _warnings(self) -> QWidget:
         """Return the lines under the verdict: what is out of tolerance, and the button to the readings."""
-        self.warnings = widgets.label("", wrap=True, name="Warnings of this calibration")
-        self.readings = widgets.button("Readings \u2026", self._edit_readings, tip="Correct the readings of this run")
-        line = widgets.row((self.warnings, 1), self.readings)
+        self.warnings = controls.label("", wrap=True, name="Warnings of this calibration")
+        self.readings = controls.button("Readings \u2026", self._edit_readings, tip="Correct the readings of this run")
+        line = controls.row((self.warnings, 1), self.readings)
         line.setAlignment(self.readings, Qt.AlignmentFlag.AlignTop)
-        self.warnings_line = widgets.inside(line)
+        self.warnings_line = controls.inside(line)
         self.warnings_line.hide()
         return self.warnings_line
 
@@ -360,36 +362,36 @@ class CalibrationPage(QWidget):
 
     def _side(self) -> QWidget:
         self.coefficients = DataTable("Coefficients of this calibration and the previous one", COMPARED)
-        self.comparison = widgets.label("", "small", wrap=True)
+        self.comparison = controls.label("", "small", wrap=True)
         self.comparison.setAlignment(Qt.AlignmentFlag.AlignTop)
-        compared = widgets.column(style.GAP, self.comparison, (self.coefficients, 1), spacing=style.GAP)
+        compared = controls.column(style.GAP, self.comparison, (self.coefficients, 1), spacing=style.GAP)
         self.budget = FigureTable("Uncertainty of an elongation, and the published limits; sources as tooltips")
-        self.traced = widgets.label("", "small", wrap=True, name="Traceability, and where U is given")
-        self.contributions = widgets.button("Type B \u2026", self.edit_contributions, tip=CONTRIBUTIONS_TIP)
-        traced = widgets.row((self.traced, 1), self.contributions)
+        self.traced = controls.label("", "small", wrap=True, name="Traceability, and where U is given")
+        self.contributions = controls.button("Type B \u2026", self.edit_contributions, tip=CONTRIBUTIONS_TIP)
+        traced = controls.row((self.traced, 1), self.contributions)
         parts = (self.uncertainty, 2), traced, (self.budget, 3)
-        uncertainty = widgets.inside(widgets.column(*parts, spacing=style.GAP))
+        uncertainty = controls.inside(controls.column(*parts, spacing=style.GAP))
         self.camera = CameraTab()
-        others = (self._curve_tab(), "Curve"), (widgets.inside(compared), "Previous"), (self.camera, "Camera")
+        others = (self._curve_tab(), "Curve"), (controls.inside(compared), "Previous"), (self.camera, "Camera")
         pages = (self.figures, "Figures"), (uncertainty, "Uncertainty"), *others
-        self.tabs = widgets.tabs("Figures, and the comparison with the previous calibration", *pages)
-        self.posterior = widgets.label("", "small", wrap=True)
-        self.run_warnings = widgets.label("", "small", wrap=True)
+        self.tabs = controls.tabs("Figures, and the comparison with the previous calibration", *pages)
+        self.posterior = controls.label("", "small", wrap=True)
+        self.run_warnings = controls.label("", "small", wrap=True)
         self.tabs.setTabVisible(self.tabs.indexOf(self.camera), False)
-        self.texts = TextArea(widgets.column(self.posterior, self.run_warnings))
-        return widgets.card((self.tabs, 1), self.texts)[0]
+        self.texts = TextArea(controls.column(self.posterior, self.run_warnings))
+        return controls.card((self.tabs, 1), self.texts)[0]
 
     def _curve_tab(self) -> QWidget:
-        self.choice = widgets.choice("Curve of the calibration", CURVE_CHOICES, self._choose_curve, tip=CHOICE_TIP)
+        self.choice = controls.choice("Curve of the calibration", CURVE_CHOICES, self._choose_curve, tip=CHOICE_TIP)
         self.candidates = DataTable("Curves compared", CURVE_HEADINGS, stretched=0, right=(2, 3))
         self.candidates.explain(CURVE_TIPS)
-        self.export = widgets.button("Export calibration \u2026", self.ask_export, tip=EXPORT_TIP)
+        self.export = controls.button("Export calibration \u2026", self.ask_export, tip=EXPORT_TIP)
         attempt, name = self.services.notices.attempt, "Error of an exported table"
-        self.table_error = widgets.typed(name, self.model.table_error, attempt, tip=TABLE_ERROR_TIP)
-        line = widgets.row(widgets.label("Curve"), self.choice, None, self.export)
-        table = widgets.row(widgets.label(name), self.table_error, None)
+        self.table_error = controls.typed(name, self.model.table_error, attempt, tip=TABLE_ERROR_TIP)
+        line = controls.row(controls.label("Curve"), self.choice, None, self.export)
+        table = controls.row(controls.label(name), self.table_error, None)
         lines = line, table
-        return widgets.inside(widgets.column(style.GAP, *lines, (self.candidates, 1), spacing=style.GAP))
+        return controls.inside(controls.column(style.GAP, *lines, (self.candidates, 1), spacing=style.GAP))
 
     def _choose_curve(self, name: str) -> None:
         self.services.notices.attempt(lambda: self.model.choose_curve(name))
@@ -422,15 +424,15 @@ class CalibrationPage(QWidget):
         self.stack.setCurrentIndex(0 if result is None and not self.model.working and self.model.failure is None else 1)
         state, verdict = self.model.verdict()
         self.verdict.setText(verdict)
-        widgets.set_state(self.verdict, state)
+        controls.set_state(self.verdict, state)
         self.detail.setText(self.model.detail())
         self.detail.setVisible(bool(self.detail.text()))
         self.headline.setText(self.model.headline())
         self._show_acceptance()
         self.choice.setCurrentIndex(self.choice.findData(self.model.curve_shown))
-        widgets.allow(self.choice, "" if result is not None else "No run is analysed yet.")
+        controls.allow(self.choice, "" if result is not None else "No run is analysed yet.")
         named = result is not None and bool(result.unit)
-        widgets.allow(self.contributions, "" if named else "No run of a unit is analysed yet.")
+        controls.allow(self.contributions, "" if named else "No run of a unit is analysed yet.")
         self.sample.setEnabled(self.model.samples())
         self.report.setEnabled(result is not None)
         self.export.setEnabled(self.model.exports())
@@ -483,7 +485,7 @@ class CalibrationPage(QWidget):
         self.accept.setText(ANYWAY if missed else ACCEPT)
         self.accept.setAccessibleName(self.accept.text())
         self.accept.setToolTip(str(obstacle or (ANYWAY_TIP if missed else ACCEPT_TIP)))
-        widgets.set_state(self.accept, "" if missed else "primary", "role")
+        controls.set_state(self.accept, "" if missed else "primary", "role")
         self.accept.setEnabled(obstacle is None and self.model.accepted is None)
 
     def _clear(self) -> None:

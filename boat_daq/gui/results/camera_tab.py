@@ -11,7 +11,7 @@ from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Curve, Plot, Points, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.results.figure_table import FigureTable
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.viewmodels.results.camera import CameraResult
 
 
@@ -24,7 +24,7 @@ class ContinuousCard(PlotCard):
         self.cycles = self.add("Hysteresis over elongation", "% FSO", x_title="Cycle")
         self.speed = self.add("Signal less branch", "mV", x_title="Speed", x_unit="mm/s")
         entries = (("Loop", self.loop), ("Hysteresis of each cycle", self.cycles), ("Dynamic error", self.speed))
-        self.chosen = widgets.choice("Plot of the continuous record", entries, lambda _: self._show_chosen())
+        self.chosen = controls.choice("Plot of the continuous record", entries, lambda _: self._show_chosen())
         self.bar.insertWidget(0, self.chosen)
         self.view.setMinimumSize(*style.PLOT_MINIMUM)  # of the one that is shown
         self._lower = {plot: (plot.x_title, plot.x_unit) for plot in self.plots}
@@ -70,9 +70,9 @@ class CameraTab(QWidget):
         super().__init__()
         self.setObjectName("inside")
         self.card = ContinuousCard()
-        self.text = widgets.label("", "small", wrap=True, name="Frames, delay and scale of the camera")
+        self.text = controls.label("", "small", wrap=True, name="Frames, delay and scale of the camera")
         self.table = FigureTable("Figures of the continuous record, with those of the plateaus")
-        self.setLayout(widgets.column((self.card, 1), self.text, (self.table, 1), spacing=style.GAP))
+        self.setLayout(controls.column((self.card, 1), self.text, (self.table, 1), spacing=style.GAP))
 
     def show_camera(self, result: CameraResult | None, sensors: Sequence[str]) -> None:
         """Show a run with a camera; nothing of one without."""

@@ -7,7 +7,7 @@ from PySide6.QtGui import QPixmap
 from PySide6.QtWidgets import QDialog, QFrame, QLabel, QLineEdit, QScrollArea, QVBoxLayout, QWidget
 
 from boat_daq.gui import style
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.results.certificates import CertificateModel
@@ -30,30 +30,30 @@ class CertificatePanel(QDialog):
         self.setModal(False)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         missing, laboratory = model.missing(), model.missing_laboratory()
-        self.metadata = {key: widgets.field(label, on_enter=self._show) for key, label in missing}
-        self.laboratory = {key: widgets.field(label, on_enter=self._show) for key, label in laboratory}
+        self.metadata = {key: controls.field(label, on_enter=self._show) for key, label in missing}
+        self.laboratory = {key: controls.field(label, on_enter=self._show) for key, label in laboratory}
         labels = {**dict(laboratory), **dict(missing)}
         fields: dict[str, QLineEdit] = {**self.laboratory, **self.metadata}
-        self.words = widgets.label(_MISSING if fields else COMPLETE, "muted", wrap=True)
-        self.outcome = widgets.label("", wrap=True, name="State of the certificate")
+        self.words = controls.label(_MISSING if fields else COMPLETE, "muted", wrap=True)
+        self.outcome = controls.label("", wrap=True, name="State of the certificate")
         self.stack = QVBoxLayout()
         self.area = QScrollArea()
         self.area.setWidgetResizable(True)
         self.area.setAccessibleName("Pages of the certificate")
-        self.area.setWidget(widgets.inside(self.stack))
-        self.update_button = widgets.button("Show pages", self._show, tip="Store what is entered and show the pages")
-        self.write = widgets.button("Save PDF and XML \u2026", self._write, "primary")
-        buttons = widgets.row(widgets.button("Close", self.close), None, self.update_button, self.write)
-        form = widgets.form([(labels[key], field, "") for key, field in fields.items()])
+        self.area.setWidget(controls.inside(self.stack))
+        self.update_button = controls.button("Show pages", self._show, tip="Store what is entered and show the pages")
+        self.write = controls.button("Save PDF and XML \u2026", self._write, "primary")
+        buttons = controls.row(controls.button("Close", self.close), None, self.update_button, self.write)
+        form = controls.form([(labels[key], field, "") for key, field in fields.items()])
         form.setColumnStretch(0, 0)
         form.setColumnStretch(1, 1)
         side = QScrollArea()
         side.setWidgetResizable(True)
         side.setFrameShape(QFrame.Shape.NoFrame)
         side.setFixedWidth(style.PANE_WIDTH_WIDE)
-        side.setWidget(widgets.inside(widgets.column(self.words, form, self.outcome, None, spacing=style.GAP)))
-        shown = widgets.row(side, (self.area, 1))
-        self.setLayout(widgets.column((shown, 1), buttons, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
+        side.setWidget(controls.inside(controls.column(self.words, form, self.outcome, None, spacing=style.GAP)))
+        shown = controls.row(side, (self.area, 1))
+        self.setLayout(controls.column((shown, 1), buttons, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
         screen = self.screen().availableSize()
         self.resize(min(style.CERTIFICATE_WIDTH, screen.width()), int(PAGE_SCALE * screen.height()))
         services.notices.attempt(model.show)
@@ -69,7 +69,7 @@ class CertificatePanel(QDialog):
             return
         self._shown, model = self.model.revision, self.model
         self.outcome.setText(MAKING if model.working else model.failure or f"No. {model.number}")
-        widgets.allow(self.write, "" if model.pages and not model.working else "The pages are not made yet.")
+        controls.allow(self.write, "" if model.pages and not model.working else "The pages are not made yet.")
         while (item := self.stack.takeAt(0)) is not None:
             if (page := item.widget()) is not None:
                 page.deleteLater()

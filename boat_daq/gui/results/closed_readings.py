@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QDialog, QVBoxLayout, QWidget
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.gui import style
 from boat_daq.gui.live.readings_panel import ReadingsTable
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.viewmodels.common.services import Services, Tab
 from boat_daq.viewmodels.live.readings import ReadingsModel
 from protocol.base.units import STORED_UNITS, ShownUnits
@@ -41,13 +41,13 @@ class ClosedReadings(QDialog):
         readings.units = units
         self.table = ReadingsTable(readings, services)
         self.table.empty.setText("This recording has no plateaus: its plan has no steps.")
-        self.calibrate = widgets.button("Calibrate", self._calibrate, tip="Analyse it with these readings")
+        self.calibrate = controls.button("Calibrate", self._calibrate, tip="Analyse it with these readings")
         layout = QVBoxLayout(self)
         layout.addWidget(
-            widgets.label("Corrections are added to the recording; earlier readings stay in it.", "muted", wrap=True)
+            controls.label("Corrections are added to the recording; earlier readings stay in it.", "muted", wrap=True)
         )
         layout.addWidget(self.table, 1)
-        layout.addLayout(widgets.row(None, widgets.button("Close", self.close), self.calibrate))
+        layout.addLayout(controls.row(None, controls.button("Close", self.close), self.calibrate))
         self.timerEvent()
         self.startTimer(_REFRESH_MS)  # undo is a key of the window, not of this panel
 

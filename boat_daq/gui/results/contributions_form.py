@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QComboBox, QDialog, QGridLayout, QLabel, QLineEdit
 
 from analysis.calibration.type_b import TypeBContribution
 from boat_daq.gui import style
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.results.contributions import (
@@ -50,24 +50,24 @@ class ContributionsForm(QDialog):
         self.resize(style.FORM_WIDTH, min(style.FORM_HEIGHT, self.screen().availableSize().height()))
         self.list = DataTable("Contributions of the unit", ("Contribution", "Statement"), stretched=1)
         self.list.itemSelectionChanged.connect(self._choose)
-        self.traced = widgets.label("", wrap=True, name="Whether an elongation is traceable")
-        self.outcome = widgets.label("", "muted", name="Standard uncertainty of this contribution")
-        self.withdraw = widgets.button("Not assessed", self._withdraw, tip="Remove the statement from the unit's file")
-        self.store = widgets.button("Store", self._state, "primary", tip="Store it in the unit's file")
-        buttons = widgets.row(widgets.button("Close", self.close), None, self.withdraw, self.store)
-        explanation = widgets.label(_EXPLANATION, "muted", wrap=True)
+        self.traced = controls.label("", wrap=True, name="Whether an elongation is traceable")
+        self.outcome = controls.label("", "muted", name="Standard uncertainty of this contribution")
+        self.withdraw = controls.button("Not assessed", self._withdraw, tip="Remove the statement from the unit's file")
+        self.store = controls.button("Store", self._state, "primary", tip="Store it in the unit's file")
+        buttons = controls.row(controls.button("Close", self.close), None, self.withdraw, self.store)
+        explanation = controls.label(_EXPLANATION, "muted", wrap=True)
         parts = (explanation, (self.list, 1), self.traced, self._form(), self.outcome, buttons)
-        self.setLayout(widgets.column(*parts, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
+        self.setLayout(controls.column(*parts, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
         self.show_stated()
         self.list.selectRow(0)
         self.startTimer(_REFRESH_MS)  # undo is a key of the window, not of this panel
 
     def _form(self) -> QGridLayout:
-        fields = {key: widgets.field(key, placeholder=hint) for key, hint in _HINTS.items()}
-        self.name, self.value = widgets.field("name", placeholder="e.g. lens distortion"), widgets.field("value")
-        self.stated = widgets.choice("How it is stated", STATED, self._check)
-        self.unit = widgets.choice("Unit", MEASURES, self._check)
-        self.distribution = widgets.choice("Distribution", DISTRIBUTIONS, self._check)
+        fields = {key: controls.field(key, placeholder=hint) for key, hint in _HINTS.items()}
+        self.name, self.value = controls.field("name", placeholder="e.g. lens distortion"), controls.field("value")
+        self.stated = controls.choice("How it is stated", STATED, self._check)
+        self.unit = controls.choice("Unit", MEASURES, self._check)
+        self.distribution = controls.choice("Distribution", DISTRIBUTIONS, self._check)
         self.texts: dict[str, QLineEdit] = {"name": self.name, "value": self.value, **fields}
         self.choices: dict[str, QComboBox] = {
             "stated": self.stated, "unit": self.unit, "distribution": self.distribution
@@ -75,8 +75,8 @@ class ContributionsForm(QDialog):
         for field in self.texts.values():
             field.textChanged.connect(self._check)
             field.returnPressed.connect(self._state)
-        self.per = widgets.label("", "muted")
-        lines: tuple[tuple[str, str, tuple[widgets.Item, ...]], ...] = (
+        self.per = controls.label("", "muted")
+        lines: tuple[tuple[str, str, tuple[controls.Item, ...]], ...] = (
             ("name", "Name", (self.name,)),
             ("stated", "Stated as", (self.stated,)),
             ("value", "Value", ((self.value, 1), self.unit)),
@@ -92,13 +92,13 @@ class ContributionsForm(QDialog):
         grid.setColumnStretch(1, 1)
         self.lines: dict[str, tuple[QWidget, QWidget]] = {}
         self.refusals: dict[str, QLabel] = {}
-        for i, (key, text, controls) in enumerate(lines):
-            self.refusals[key] = widgets.label("", "small", wrap=True, name=f"Why {text} is refused")
-            self.lines[key] = widgets.label(text), widgets.holder(widgets.row(*controls))
+        for i, (key, text, line) in enumerate(lines):
+            self.refusals[key] = controls.label("", "small", wrap=True, name=f"Why {text} is refused")
+            self.lines[key] = controls.label(text), controls.holder(controls.row(*line))
             grid.addWidget(self.lines[key][0], 2 * i, 0)
             grid.addWidget(self.lines[key][1], 2 * i, 1)
             grid.addWidget(self.refusals[key], 2 * i + 1, 1)
-            widgets.set_state(self.refusals[key], "fault")
+            controls.set_state(self.refusals[key], "fault")
             if key in self.texts:
                 self.texts[key].setAccessibleName(text)
         return grid
@@ -142,7 +142,7 @@ class ContributionsForm(QDialog):
             field.setText(label(name) if key == "name" else getattr(fields, key))
         for part in self.lines["name"]:
             part.setVisible(not name)
-        widgets.allow(self.withdraw, "" if name in self.model.tables() else "It is not stated.")
+        controls.allow(self.withdraw, "" if name in self.model.tables() else "It is not stated.")
         self._check()
 
     def _found(self) -> TypeBContribution | Refusal:
@@ -164,7 +164,7 @@ class ContributionsForm(QDialog):
             text.setText(refused.text if refused is not None and refused.field == key else "")
             text.setVisible(bool(text.text()))
         for key, field in self.texts.items():
-            widgets.set_state(field, "true" if refused is not None and refused.field == key else "", "wrong")
+            controls.set_state(field, "true" if refused is not None and refused.field == key else "", "wrong")
         self.outcome.setText("" if isinstance(found, Refusal) else found.statement)
 
     def _state(self) -> None:

@@ -14,7 +14,7 @@ from boat_daq.gui import style
 from boat_daq.gui.plotting.axes import LogAxis, TickAxis
 from boat_daq.gui.plotting.plot import Plot, PlotBox, ThemeColour, sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.viewmodels.common.services import Services
@@ -102,29 +102,29 @@ class DynamicsWindow(QDialog):
         self.steps, self.bode = PlotCard("Step response", _STEPS), BodeCard()
         plot = self.steps.add("Elongation", "% of the step", x_title="Since the setpoint changed", x_unit="s")
         plot.line(lambda t: t.muted, at=100.0)
-        self.legend = widgets.label("", "small", wrap=True, name="Legend of the steps")
+        self.legend = controls.label("", "small", wrap=True, name="Legend of the steps")
         self.legend.setTextFormat(Qt.TextFormat.RichText)
         self.steps.inside.addWidget(self.legend)
         for card in (self.steps, self.bode):
             card.copy_wanted.connect(like.copy_wanted)
             card.save_wanted.connect(like.save_wanted)
             card.paint_theme(like.theme)
-        self.verdict = widgets.label("Computing \u2026", "subtitle", wrap=True, name="Settling and bandwidth")
-        self.simulated = widgets.label("SIMULATED", "simulated", name="This run is of a simulated unit")
+        self.verdict = controls.label("Computing \u2026", "subtitle", wrap=True, name="Settling and bandwidth")
+        self.simulated = controls.label("SIMULATED", "simulated", name="This run is of a simulated unit")
         self.simulated.hide()
         self.step_table = DataTable("Figures of the steps", _shown((STEP_HEADINGS,))[0])
         self.bode_table = DataTable("Gain and phase of the sines", _shown((BODE_HEADINGS,))[0])
-        self.save = widgets.button("Report \u2026", self._report, tip="Save it as PDF or HTML")
+        self.save = controls.button("Report \u2026", self._report, tip="Save it as PDF or HTML")
         self.save.setEnabled(False)
-        self.settling = widgets.typed("Settled within", model.settling, services.notices.attempt, tip=SETTLED_TIP)
-        settling = widgets.label("Settled within", "muted"), self.settling
-        head = widgets.row(self.simulated, (self.verdict, 1), *settling)
-        plots = widgets.row((self.steps, 1), (self.bode, 1))
-        tables = widgets.row((self.step_table, 3), (self.bode_table, 2))
+        self.settling = controls.typed("Settled within", model.settling, services.notices.attempt, tip=SETTLED_TIP)
+        settling = controls.label("Settled within", "muted"), self.settling
+        head = controls.row(self.simulated, (self.verdict, 1), *settling)
+        plots = controls.row((self.steps, 1), (self.bode, 1))
+        tables = controls.row((self.step_table, 3), (self.bode_table, 2))
         self.of_steps, self.of_bode = (self.steps, self.step_table), (self.bode, self.bode_table)
-        buttons = widgets.row(widgets.button("Close", self.close), None, self.save)
+        buttons = controls.row(controls.button("Close", self.close), None, self.save)
         parts = (head, (plots, 2), (tables, 1), buttons)
-        self.setLayout(widgets.column(*parts, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
+        self.setLayout(controls.column(*parts, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
         self.startTimer(_REFRESH_MS)
 
     def timerEvent(self, event: QTimerEvent | None = None) -> None:

@@ -11,7 +11,7 @@ from PySide6.QtWidgets import QHeaderView, QStyledItemDelegate, QStyleOptionView
 from analysis.numbers import in_unit
 from boat_daq.gui import style
 from boat_daq.gui.style import Theme
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.results.figure_tables import Cell
@@ -123,10 +123,10 @@ class KeyFigures(QWidget):
         self.table = FigureTable()
         self._key, self._preferences = f"all figures {name}", preferences
         self._rows: tuple[Sequence[Sequence[Cell]], Sequence[Sequence[Cell]], Sequence[str]] = ((), (), ())
-        self.all = widgets.button("All figures", self._toggle, "quiet", tip="Every figure, or the six key figures")
+        self.all = controls.button("All figures", self._toggle, "quiet", tip="Every figure, or the six key figures")
         self.all.setCheckable(True)
         self.all.setChecked(bool(preferences.get(self._key, False)))
-        self.setLayout(widgets.column((self.table, 1), widgets.row(None, self.all), margins=(0, 0, 0, 0)))
+        self.setLayout(controls.column((self.table, 1), controls.row(None, self.all), margins=(0, 0, 0, 0)))
 
     def _toggle(self) -> None:
         self._preferences.set(self._key, self.all.isChecked())

@@ -9,7 +9,7 @@ from pathlib import Path
 from PySide6.QtWidgets import QComboBox, QDialog, QGridLayout, QWidget
 
 from boat_daq.gui import style
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.results.csv_import import ROLES, SEPARATORS, UNIT_TEXTS, CsvImport, Source
@@ -27,26 +27,26 @@ class ImportPanel(QDialog):
         self._revision = -1
         self.setModal(False)
         self.resize(style.WINDOW_MINIMUM[0], style.WINDOW_MINIMUM[1] + style.STRIP_HEIGHT)
-        self.summary = widgets.label("", "muted", wrap=True, name="How the file is written")
+        self.summary = controls.label("", "muted", wrap=True, name="How the file is written")
         self.preview = DataTable("First rows of the file", ())
         self.preview.setMinimumHeight(6 * style.CONTROL_HEIGHT)
-        self.columns = {role: widgets.choice(f"Column: {name}", ()) for role, name in ROLES.items()}
-        self.units = {role: widgets.choice(f"Unit: {name}", ()) for role, name in ROLES.items()}
+        self.columns = {role: controls.choice(f"Column: {name}", ()) for role, name in ROLES.items()}
+        self.units = {role: controls.choice(f"Unit: {name}", ()) for role, name in ROLES.items()}
         for role in ROLES:
             self.columns[role].activated.connect(partial(self._choose, role))
             self.units[role].activated.connect(partial(self._choose, role))
-        self.separator = widgets.choice("Separator", SEPARATORS, model.separate)
-        self.rate = widgets.field("Sampling rate in Hz", width=2 * style.CONTROL_HEIGHT, placeholder="Hz")
+        self.separator = controls.choice("Separator", SEPARATORS, model.separate)
+        self.rate = controls.field("Sampling rate in Hz", width=2 * style.CONTROL_HEIGHT, placeholder="Hz")
         self.rate.textEdited.connect(self._type_rate)
-        self.name = widgets.field("Name of the recording")
-        self.warnings = widgets.label("", "small", wrap=True, name="What was guessed")
-        self.obstacle = widgets.label("", "muted", wrap=True, name="What is missing")
-        self.button = widgets.button("Import", self._import, "primary")
-        close = widgets.button("Cancel", self.close, name="Cancel the import")
+        self.name = controls.field("Name of the recording")
+        self.warnings = controls.label("", "small", wrap=True, name="What was guessed")
+        self.obstacle = controls.label("", "muted", wrap=True, name="What is missing")
+        self.button = controls.button("Import", self._import, "primary")
+        close = controls.button("Cancel", self.close, name="Cancel the import")
         self.setLayout(
-            widgets.column(
+            controls.column(
                 self.summary, (self.preview, 1), self._form(), self.warnings,
-                widgets.row((self.obstacle, 1), close, self.button), spacing=style.GAP,
+                controls.row((self.obstacle, 1), close, self.button), spacing=style.GAP,
             )
         )  # fmt: skip
 
@@ -55,16 +55,16 @@ class ImportPanel(QDialog):
         grid, rows = QGridLayout(), (len(ROLES) + 1) // 2
         grid.setVerticalSpacing(style.STEP)
         for i, (role, name) in enumerate(ROLES.items()):
-            for k, widget in enumerate((widgets.label(name), self.columns[role], self.units[role])):
+            for k, widget in enumerate((controls.label(name), self.columns[role], self.units[role])):
                 grid.addWidget(widget, i % rows, k + (4 if i >= rows else 0))
         grid.setColumnMinimumWidth(3, style.PAGE_MARGIN)
         for stretched in (1, 5):
             grid.setColumnStretch(stretched, 1)
-        whole = widgets.row(
-            widgets.label("Separator"), self.separator, widgets.label("Rate"), self.rate, style.PAGE_MARGIN,
-            widgets.label("Recording"), (self.name, 1),
+        whole = controls.row(
+            controls.label("Separator"), self.separator, controls.label("Rate"), self.rate, style.PAGE_MARGIN,
+            controls.label("Recording"), (self.name, 1),
         )  # fmt: skip
-        return widgets.card(grid, style.STEP, whole)[0]
+        return controls.card(grid, style.STEP, whole)[0]
 
     def open_file(self, path: Path) -> None:
         """Read a file and show it."""
@@ -96,10 +96,10 @@ class ImportPanel(QDialog):
         if model.finished:
             self.close()
             return
-        widgets.set_text(self.summary, model.summary())
-        widgets.set_state(self.summary, "fault" if model.failure is not None else "")
+        controls.set_text(self.summary, model.summary())
+        controls.set_state(self.summary, "fault" if model.failure is not None else "")
         self.separator.setCurrentIndex(self.separator.findData(model.separator))
-        widgets.set_text(self.rate, model.rate)
+        controls.set_text(self.rate, model.rate)
         self.warnings.setText("\n".join(f"\u25b2 {text}" for text in model.warnings()))
         self.warnings.setVisible(bool(model.warnings()))
         self._show_file()
@@ -121,7 +121,7 @@ class ImportPanel(QDialog):
 
     def _show_obstacle(self) -> None:
         obstacle = "" if self.model.reading else self.model.obstacle()
-        widgets.set_text(self.obstacle, obstacle)
+        controls.set_text(self.obstacle, obstacle)
         self.rate.setEnabled(bool(self.model.sources) and not self.model.sources["time_s"].column)
         self.button.setEnabled(not obstacle and not self.model.reading)
 

@@ -8,7 +8,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QComboBox, QDialog, QLineEdit, QPlainTextEdit, QWidget
 
 from boat_daq.gui import style
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.results.metadata import FIELDS, MetadataModel, free_lines
 
@@ -33,22 +33,24 @@ class MetadataForm(QDialog):
         stated = model.stated()
         labels = dict(FIELDS)
         self.fields: dict[str, QLineEdit] = {
-            key: widgets.field(labels[key], text, self._save) for key, text in model.texts(stated).items()
+            key: controls.field(labels[key], text, self._save) for key, text in model.texts(stated).items()
         }
         self.free = QPlainTextEdit(free_lines(stated), tabChangesFocus=True, placeholderText=FREE_HINT)
         self.free.setProperty("role", "paste")
         self.free.setAccessibleName("Fields of your own")
         self.free.setAcceptDrops(False)
-        self.template: QComboBox = widgets.choice("Template", (), self._take)
+        self.template: QComboBox = controls.choice("Template", (), self._take)
         self._list_templates()
-        self.name = widgets.field("Name of the template", placeholder="Name of a new template")
-        keep = widgets.button("Save as template", self._keep, tip="Without note and ambient conditions")
+        self.name = controls.field("Name of the template", placeholder="Name of a new template")
+        keep = controls.button("Save as template", self._keep, tip="Without note and ambient conditions")
         rows = [(labels[key], field, "") for key, field in self.fields.items()]
-        form = widgets.form([*rows, ("Fields of your own", self.free, "")])
-        buttons = widgets.row(widgets.button("Close", self.close), None, widgets.button("Store", self._save, "primary"))
-        templates = widgets.row(self.template, (self.name, 1), keep)
-        parts = (widgets.label(_EXPLANATION, "muted", wrap=True), form, templates, buttons)
-        self.setLayout(widgets.column(*parts, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
+        form = controls.form([*rows, ("Fields of your own", self.free, "")])
+        buttons = controls.row(
+            controls.button("Close", self.close), None, controls.button("Store", self._save, "primary")
+        )
+        templates = controls.row(self.template, (self.name, 1), keep)
+        parts = (controls.label(_EXPLANATION, "muted", wrap=True), form, templates, buttons)
+        self.setLayout(controls.column(*parts, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
 
     def typed(self) -> dict[str, str]:
         """Return the texts of the fields."""

@@ -15,7 +15,7 @@ from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Curve, Plot, Points, ramp_colour, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.results.figure_table import SIDE, KeyFigures
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.layouts import Divided, EmptyState, Leaves
 from boat_daq.viewmodels.common.services import Panel, Services
@@ -93,7 +93,7 @@ class CycleFigureCard(PlotCard):
         self.sensors = self._points("Sensor {}")
         self.low_ends = self._points("Sensor {}, lowest", filled=False)
         self.marks: list[Any] = []
-        self.note = widgets.label("", "small", wrap=True, name="What the plot shows")
+        self.note = controls.label("", "small", wrap=True, name="What the plot shows")
         self.inside.addWidget(self.note)
 
     def _points(self, name: str, *, filled: bool = True) -> list[Points]:
@@ -123,7 +123,7 @@ class CycleFigureCard(PlotCard):
             self._mark(self.plot.line(lambda t: t.warn, at=found.at_cycle, vertical=True, label="interrupted"))
         self.readout.setText("  ".join(f"{symbol} sensor {n}" for n, symbol in enumerate(FILLED[: len(sensors)], 1)))
         self.show_empty("" if any(points.y.size for points in self.sensors) else NO_FIGURE)
-        widgets.set_text(self.note, model.note(shown))
+        controls.set_text(self.note, model.note(shown))
         self.plot.fit(also_y=() if not np.isfinite(limit) else (limit,))
 
     def _mark(self, line: Any) -> None:
@@ -161,33 +161,33 @@ class RepeatPage(QWidget):
         super().__init__()
         self.model, self.services = model, services
         self._revision = -1
-        self.verdict = widgets.label("", "title", wrap=True, name="Verdict")
-        self.headline = widgets.label("", "muted", elide=True)
-        self.warm_up = widgets.label("", "muted")
-        self.known = widgets.label("", "muted", name="Uncertainty of drift and repeatability", wrap=True)
+        self.verdict = controls.label("", "title", wrap=True, name="Verdict")
+        self.headline = controls.label("", "muted", elide=True)
+        self.warm_up = controls.label("", "muted")
+        self.known = controls.label("", "muted", name="Uncertainty of drift and repeatability", wrap=True)
         self.loops, self.card = LoopsByCycle(), CycleFigureCard()
         names = [(shown.name, shown) for shown in CYCLE_FIGURES]
-        self.figure = widgets.choice("Figure", [*names, ("Loops by cycle", None)], lambda _: self._draw())
+        self.figure = controls.choice("Figure", [*names, ("Loops by cycle", None)], lambda _: self._draw())
         self.drawn = Leaves(self.card, self.loops)
         self.figures = KeyFigures("repeat", services.preferences)
         self.table = self.figures.table
-        self.break_texts = widgets.label("", "small", wrap=True)
+        self.break_texts = controls.label("", "small", wrap=True)
         self.tests = DataTable("Both sides of each interruption compared", BREAK_HEADINGS)
         self.tests.explain(BREAK_TIPS)
-        self.breaks = widgets.inside(widgets.column(style.GAP, self.break_texts, (self.tests, 1), spacing=style.GAP))
+        self.breaks = controls.inside(controls.column(style.GAP, self.break_texts, (self.tests, 1), spacing=style.GAP))
         self.missing = EmptyState(*model.missing(), "Choose the plan", choose_plan)
         self.stack = Leaves(self.missing, self._filled())
-        widgets.page_layout(self).addWidget(self.stack)
+        controls.page_layout(self).addWidget(self.stack)
 
     def _filled(self) -> QWidget:
-        report = widgets.button("Report \u2026", partial(self.services.show, Panel.REPORT))
-        run = widgets.row(self.headline, self.warm_up, None)
-        texts = widgets.column(self.verdict, run, spacing=0)
-        line = widgets.row((texts, 1), widgets.label("Figure", "muted"), self.figure, report)
-        head, _ = widgets.card(line, self.known)
-        self.tabs = widgets.tabs("Figures, and the interruptions of the run", (self.figures, "Figures"))
+        report = controls.button("Report \u2026", partial(self.services.show, Panel.REPORT))
+        run = controls.row(self.headline, self.warm_up, None)
+        texts = controls.column(self.verdict, run, spacing=0)
+        line = controls.row((texts, 1), controls.label("Figure", "muted"), self.figure, report)
+        head, _ = controls.card(line, self.known)
+        self.tabs = controls.tabs("Figures, and the interruptions of the run", (self.figures, "Figures"))
         self.tabs.setTabBarAutoHide(True)
-        side, _ = widgets.card((self.tabs, 1))
+        side, _ = controls.card((self.tabs, 1))
         sides = Divided(
             "repeat",
             self.services.preferences,
@@ -197,7 +197,7 @@ class RepeatPage(QWidget):
             stacks=True,
             stacked_height=style.STACKED_HEIGHT,
         )
-        return widgets.holder(widgets.column(head, (sides, 1), spacing=style.GAP))
+        return controls.holder(controls.column(head, (sides, 1), spacing=style.GAP))
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the result where it has changed."""
@@ -213,7 +213,7 @@ class RepeatPage(QWidget):
         state, verdict = model.verdict()
         self.verdict.setText(verdict)
         self.verdict.setVisible(bool(verdict))
-        widgets.set_state(self.verdict, state)
+        controls.set_state(self.verdict, state)
         self.headline.setText(model.headline)
         self.warm_up.setText(model.warm_up())
         self.known.setText(model.known())

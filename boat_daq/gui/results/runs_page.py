@@ -40,7 +40,7 @@ from boat_daq.gui.results.metadata_form import MetadataForm
 from boat_daq.gui.results.repeat_page import FILLED, SYMBOLS
 from boat_daq.gui.results.unit_window import UnitWindow
 from boat_daq.gui.style import Theme
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save, open_folder
 from boat_daq.gui.widgets.layouts import EmptyState, Leaves, Shares
@@ -120,11 +120,11 @@ class RunsPage(QWidget):
         self.differences: list[list[Curve]] = []  # by sensor, as many as any comparison so far had
         self.numbers: list[PointLabels] = []
         self._arrange_comparison(2)
-        back = widgets.button("Back to the units", self.model.show_comparison)
+        back = controls.button("Back to the units", self.model.show_comparison)
         self.compare_card.bar.insertWidget(self.compare_card.bar.count() - 1, back)
         self.empty = EmptyState("", "", "Go to Measure", partial(services.show, Page.MEASURE))
         self.stack = Leaves(self.empty, self._filled())
-        widgets.page_layout(self).addWidget(self.stack)
+        controls.page_layout(self).addWidget(self.stack)
 
     def _arrange_comparison(self, sensors: int) -> None:
         """Show the plots of so many sensors, side by side."""
@@ -185,15 +185,15 @@ class RunsPage(QWidget):
     def _run_buttons(self) -> dict[str, QPushButton]:
         open_ = partial(self._run, self.other_pages.calibrate, Tab.CALIBRATION)
         buttons = {
-            "open": widgets.button("Open", open_, "primary", tip="Analyse it, on the page Results"),
-            "report": widgets.button("Report …", partial(self._ask_save, "pdf html", self.model.report)),
-            "export": widgets.button("Export", lambda: None),
+            "open": controls.button("Open", open_, "primary", tip="Analyse it, on the page Results"),
+            "report": controls.button("Report …", partial(self._ask_save, "pdf html", self.model.report)),
+            "export": controls.button("Export", lambda: None),
         }
         export = QMenu(buttons["export"])
         for kind, suffix in EXPORTS.items():
             export.addAction(f"{kind} …", partial(self._ask_save, suffix, self.model.export))
         buttons["export"].setMenu(export)
-        self.more = widgets.button("More", lambda: None, tip="Also with a right click on the list")
+        self.more = controls.button("More", lambda: None, tip="Also with a right click on the list")
         self.more.setMenu(self.menu)
         return buttons
 
@@ -203,31 +203,31 @@ class RunsPage(QWidget):
             self.menu.popup(self.list.viewport().mapToGlobal(at))
 
     def _recordings_card(self) -> QFrame:
-        self.heading = widgets.label("Recordings", "subtitle")
-        head = widgets.row(self.heading, None, *self.buttons.values(), self.more)
-        self.search = widgets.field("Search the recordings", placeholder="Search: unit, date, note, file")
+        self.heading = controls.label("Recordings", "subtitle")
+        head = controls.row(self.heading, None, *self.buttons.values(), self.more)
+        self.search = controls.field("Search the recordings", placeholder="Search: unit, date, note, file")
         self.search.textChanged.connect(self._list)
         place = partial(open_folder, self.model.folder, self.services)
-        self.folder = widgets.button("Open folder", place, tip=f"Recordings are in {self.model.folder}")
-        where = widgets.label(str(self.model.folder), "small", name="Folder of the recordings", elide=True)
-        self.details = widgets.label("", "small", name="Details of the chosen recordings", wrap=True)
+        self.folder = controls.button("Open folder", place, tip=f"Recordings are in {self.model.folder}")
+        where = controls.label(str(self.model.folder), "small", name="Folder of the recordings", elide=True)
+        self.details = controls.label("", "small", name="Details of the chosen recordings", wrap=True)
         lines = 2 * QFontMetrics(style.small_font()).lineSpacing()
         self.details.setMinimumHeight(lines)  # a splitter gives a card no height for what wraps in it
         kinds = " ".join(ending[1:] for ending in TABLE_SUFFIXES)
         ask = partial(ask_open, self, self.services, "Import a table", kinds, self.services.open)
-        self.import_ = widgets.button("Import CSV …", ask, tip="A table of another program, as a recording")
-        find = widgets.row((self.search, 1), (where, 1), self.folder, self.import_)
-        frame, _ = widgets.card(head, find, (self.list, 1), self.details)
+        self.import_ = controls.button("Import CSV …", ask, tip="A table of another program, as a recording")
+        find = controls.row((self.search, 1), (where, 1), self.folder, self.import_)
+        frame, _ = controls.card(head, find, (self.list, 1), self.details)
         return frame
 
     def _units_card(self) -> QFrame:
-        self.no_units = widgets.label(NO_UNITS, "muted", wrap=True)
+        self.no_units = controls.label(NO_UNITS, "muted", wrap=True)
         self.no_units.setAlignment(Qt.AlignmentFlag.AlignCenter)
-        self.over_time = self.buttons["unit"] = widgets.button("Over time …", self._show_unit, tip=OVER_TIME_TIP)
+        self.over_time = self.buttons["unit"] = controls.button("Over time …", self._show_unit, tip=OVER_TIME_TIP)
         self.units.itemSelectionChanged.connect(self._enable)
         self.units.itemDoubleClicked.connect(lambda _: self._show_unit())
-        units_head = widgets.row(widgets.label("Units", "subtitle"), None, self.over_time)
-        side, _ = widgets.card(units_head, (self.units, 1), (self.no_units, 1))
+        units_head = controls.row(controls.label("Units", "subtitle"), None, self.over_time)
+        side, _ = controls.card(units_head, (self.units, 1), (self.no_units, 1))
         return side
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -346,18 +346,18 @@ class RunsPage(QWidget):
     def _enable(self) -> None:
         chosen = self.selected()
         for key in ("open", "report", "export"):
-            widgets.allow(self.buttons[key], obstacle(key, chosen))
+            controls.allow(self.buttons[key], obstacle(key, chosen))
         for key in ("readings", "replay", "compare", "rename", "note", "marker", "metadata"):
             why = obstacle(key, chosen)
             self.actions_[key].setEnabled(not why)
             self.actions_[key].setStatusTip(why)
-            self.actions_[key].setToolTip(widgets.as_words(why))
+            self.actions_[key].setToolTip(controls.as_words(why))
         one = len(chosen) == 1
         self.actions_["resume"].setVisible(one and chosen[0].resumable)
         self.actions_["dynamics"].setVisible(one and chosen[0].under_control)
         self.actions_["recover"].setVisible(any(run.recoverable for run in chosen))
         self.details.setText(selection_text(chosen))
-        widgets.allow(self.over_time, "" if self.units.selectedIndexes() else "Choose a line of the units.")
+        controls.allow(self.over_time, "" if self.units.selectedIndexes() else "Choose a line of the units.")
 
     def paint_theme(self, theme: Theme) -> None:
         """Use the colours and units of `theme`."""

@@ -9,7 +9,7 @@ from PySide6.QtWidgets import QDialog, QGridLayout, QWidget
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Curve, Points, ramp_colour, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.viewmodels.common.services import Services
@@ -64,17 +64,17 @@ class UnitWindow(QDialog):
             card.save_wanted.connect(like.save_wanted)
             card.paint_theme(like.theme)
             grid.addWidget(card, place // 2, place % 2)
-        self.due = widgets.label("Reading the calibrations \u2026", "subtitle", wrap=True, name="When it is due again")
-        self.sensor = widgets.choice("Sensor of the curves", (("Sensor 1", 0),), self._draw_curves)
+        self.due = controls.label("Reading the calibrations \u2026", "subtitle", wrap=True, name="When it is due again")
+        self.sensor = controls.choice("Sensor of the curves", (("Sensor 1", 0),), self._draw_curves)
         self.table = DataTable("Calibrations of the unit", HISTORY_HEADINGS, stretched=FINDING, right=(2, 3, 4))
-        self.save = widgets.button("Report \u2026", self._report, tip="Save it as PDF or HTML")
+        self.save = controls.button("Report \u2026", self._report, tip="Save it as PDF or HTML")
         self.save.setEnabled(False)
-        buttons = widgets.row(widgets.button("Close", self.close), None, self.save)
-        self.simulated = widgets.label("SIMULATED", "simulated", name="These calibrations are of a simulated unit")
+        buttons = controls.row(controls.button("Close", self.close), None, self.save)
+        self.simulated = controls.label("SIMULATED", "simulated", name="These calibrations are of a simulated unit")
         self.simulated.setVisible(model.units.simulated)
-        head = widgets.row(self.simulated, (self.due, 1), self.sensor)
-        parts = (head, (widgets.holder(grid), 3), (self.table, 1), buttons)
-        self.setLayout(widgets.column(*parts, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
+        head = controls.row(self.simulated, (self.due, 1), self.sensor)
+        parts = (head, (controls.holder(grid), 3), (self.table, 1), buttons)
+        self.setLayout(controls.column(*parts, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
         self.startTimer(_REFRESH_MS)
 
     def timerEvent(self, event: QTimerEvent | None = None) -> None:

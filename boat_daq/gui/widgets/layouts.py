@@ -9,7 +9,7 @@ from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QBoxLayout, QFrame, QScrollArea, QSplitter, QWidget
 
 from boat_daq.gui import style
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.viewmodels.common.preferences import Preferences
 
 _NONE = (0, 0, 0, 0)
@@ -73,7 +73,7 @@ class Leaves(QWidget):
     def __init__(self, *leaves: QWidget) -> None:
         super().__init__()
         self._leaves: list[QWidget] = []
-        self._inside = widgets.column(margins=_NONE)
+        self._inside = controls.column(margins=_NONE)
         self.setLayout(self._inside)
         for leaf in leaves:
             self.addWidget(leaf)
@@ -265,23 +265,23 @@ class EmptyState(QWidget):
 
     def __init__(self, title: str, words: str, action: str, on_click: Callable[[], object]) -> None:
         super().__init__()
-        self.title = widgets.label(title, "title", wrap=True)
-        self.words = widgets.label(words, "muted", wrap=True)
-        self.button = widgets.button(action, on_click, "primary")
-        frame, inside = widgets.card(self.title, self.words, widgets.row(self.button, None))
+        self.title = controls.label(title, "title", wrap=True)
+        self.words = controls.label(words, "muted", wrap=True)
+        self.button = controls.button(action, on_click, "primary")
+        frame, inside = controls.card(self.title, self.words, controls.row(self.button, None))
         frame.setFixedWidth(style.FORM_WIDTH)
         inside.setContentsMargins(*(6 * style.STEP,) * 4)
         inside.setSpacing(style.CARD_PADDING)
-        layout = widgets.column(frame, margins=_NONE)
+        layout = controls.column(frame, margins=_NONE)
         layout.setAlignment(frame, Qt.AlignmentFlag.AlignCenter)
         self.setLayout(layout)
         self.button.setVisible(bool(action))
 
     def say(self, title: str, words: str, action: str) -> None:
         """Say something else; without an action there is no button."""
-        widgets.set_text(self.title, title)
-        widgets.set_text(self.words, words)
+        controls.set_text(self.title, title)
+        controls.set_text(self.words, words)
         self.button.setVisible(bool(action))
         if action:
-            widgets.set_text(self.button, action)
+            controls.set_text(self.button, action)
             self.button.setAccessibleName(action)

@@ -8,7 +8,7 @@ from functools import partial
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QLabel, QWidget
 
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.viewmodels.common.notices import Notices
 
 
@@ -31,14 +31,14 @@ class PanelGuard:
 
     def _cover(self, panel: QWidget, name: str, error: Exception) -> None:
         if (panel, name) not in self._covers:
-            cover = self._covers[panel, name] = widgets.label("", "set", name=f"{name} cannot be shown", wrap=True)
+            cover = self._covers[panel, name] = controls.label("", "set", name=f"{name} cannot be shown", wrap=True)
             cover.setParent(panel)
             cover.setAutoFillBackground(True)
             cover.setAlignment(Qt.AlignmentFlag.AlignCenter)
             self._notices.attempt(partial(_raise, error))  # to the strip and the log, with its traceback
         cover = self._covers[panel, name]
         cause = f"{type(error).__name__}: {error}"
-        widgets.set_text(cover, f"{name} cannot be shown: {cause}\nThe recording and the other panels continue.")
+        controls.set_text(cover, f"{name} cannot be shown: {cause}\nThe recording and the other panels continue.")
         cover.setGeometry(panel.rect())
         cover.show()
         cover.raise_()

@@ -9,7 +9,7 @@ from PySide6.QtGui import QTextCursor
 from PySide6.QtWidgets import QDialog, QLineEdit, QPlainTextEdit, QWidget
 
 from boat_daq.gui import style
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 
 
 class TextDialog(QDialog):
@@ -38,16 +38,16 @@ class TextDialog(QDialog):
         self.setModal(False)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.setMinimumWidth(style.FORM_WIDTH)
-        self.field: QLineEdit | QPlainTextEdit = widgets.field(title, text, self._take)
+        self.field: QLineEdit | QPlainTextEdit = controls.field(title, text, self._take)
         if lines > 1:
             self.field = QPlainTextEdit(text)
             self.field.setAccessibleName(title)
             self.field.setTabChangesFocus(True)
             self.field.setMinimumHeight(lines * self.field.fontMetrics().lineSpacing())
-        self.button = widgets.button(action, self._take, "primary")
-        cancel = widgets.button("Cancel", self.close)
-        words = widgets.label(explanation, "muted", wrap=True)
-        self.setLayout(widgets.column(words, self.field, widgets.row(None, cancel, self.button), spacing=style.GAP))
+        self.button = controls.button(action, self._take, "primary")
+        cancel = controls.button("Cancel", self.close)
+        words = controls.label(explanation, "muted", wrap=True)
+        self.setLayout(controls.column(words, self.field, controls.row(None, cancel, self.button), spacing=style.GAP))
         self.field.selectAll()
         self.show()
         self.field.setFocus()

@@ -6,7 +6,7 @@ import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 
-from boat_daq.gui.widgets import controls as widgets
+from boat_daq.gui.widgets import controls
 from boat_daq.viewmodels.common.tolerance import AUTOMATIC, TypedTolerance, tolerance_choice
 from tests.boat_daq.gui.recorded_session import services_in
 
@@ -19,7 +19,7 @@ def field(qtbot, tmp_path):
     make_application()
     services = services_in(tmp_path)
     choice = tolerance_choice(services, "the tolerance", (TypedTolerance(0.01, "mm"),), lambda _: None)
-    made = widgets.typed("Tolerance", choice, services.notices.attempt)
+    made = controls.typed("Tolerance", choice, services.notices.attempt)
     made.services = services
     qtbot.addWidget(made)
     made.show()

@@ -116,11 +116,11 @@ def test_tooltip_escapes_tags() -> None:
     assert "&lt;img src=" in as_words(bad)
 
 
-def test_name_that_is_not_utf_8_is_exported_with_a_replacement(tmp_path: Path) -> None:
+def test_name_that_is_not_utf_8_is_exported_escaped(tmp_path: Path) -> None:
     """An operator's name that is not UTF-8 can be exported."""
     from analysis.data.export import export
 
     run = load_recording(Path(__file__).parents[2] / "recordings" / "simulated_SA1_two_cycles.boat")
     run.meta["operator"] = "a\udcffb"
     export(run, tmp_path / "a.csv", "csv")
-    assert "a?b" in (tmp_path / "a.csv").read_text(encoding="utf-8")
+    assert r"a\udcffb" in (tmp_path / "a.json").read_text(encoding="utf-8")

@@ -14,6 +14,7 @@ import numpy as np
 
 from boat_daq.engine.toml_values import read_json
 from boat_daq.viewmodels.models.optics import SweepSummary
+from protocol.base.whole_file import write_whole
 
 SHIPPED = Path(__file__).with_name("swept_designs.json")
 _COLUMNS = ("cavities", "width_mm", "depth_mm", "spacing_mm", "delta", "n_sign", "rmse", "p", "tied", "front", "rank")
@@ -42,4 +43,4 @@ def store_sweep(sweep: SweepSummary, path: Path) -> None:
     rows = [[float(f"{value:.7g}") for value in row] for row in zip(*columns, strict=True)]
     lines = ",\n".join(json.dumps(row) for row in rows)
     head = json.dumps({"columns": _COLUMNS, "paper": sweep.paper} | {name: getattr(sweep, name) for name in _TEXTS})
-    path.write_text(f'{head[:-1]}, "designs": [\n{lines}\n]}}\n', encoding="utf-8")
+    write_whole(path, f'{head[:-1]}, "designs": [\n{lines}\n]}}\n')

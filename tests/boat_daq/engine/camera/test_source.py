@@ -37,9 +37,20 @@ def test_a_lossless_video_gives_its_pictures_and_times(tmp_path: Path) -> None:
 def test_mjpeg_gives_the_pictures_of_a_stream() -> None:
     """Through our own server and our own reader, in the host's time."""
     with contextlib.closing(MjpegStream(0)) as stream:
-        stream.frame(PICTURE, 1.0)
-        source = open_source(stream.url)
-        frame = next(source.frames())
+        seen = threading.Event()
+
+        def film() -> None:  # a viewer gets the frames that come after it has connected
+            while not seen.wait(0.02):
+                stream.frame(PICTURE, 1.0)
+
+        filming = threading.Thread(target=film)
+        filming.start()
+        try:
+            source = open_source(stream.url)
+            frame = next(source.frames())
+        finally:
+            seen.set()
+            filming.join()
         assert source.live
         assert abs(frame.decode().astype(int) - PICTURE).max() < 12
         source.close()

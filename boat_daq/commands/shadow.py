@@ -217,18 +217,16 @@ def export(
 @app.command()
 def states(
     out: Annotated[Path, typer.Option(help="CSV (or .npz) to write.")],
-    lowest: Annotated[float, typer.Option(help="Pressure of the most compressed state, kPa.")] = -40.0,
-    highest: Annotated[float, typer.Option(help="Pressure of the most elongated state, kPa.")] = 50.0,
     parameters: ParametersOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write the guides in 15 states (7 compressed, rest, 7 elongated), as curves for the optical model.
+    """Write the guides in 15 states from -40 to +50 kPa, as curves for the optical model.
 
     Example: boat-daq shadow states --out curves.csv
     """
     from analysis.shadow.model.states import guide_states, write_states
 
-    found = guide_states(chosen_model(parameters, None), lowest_kpa=lowest, highest_kpa=highest)
+    found = guide_states(chosen_model(parameters, None))
     write_states(found, out)
     bow, points = found.bow_mm(), found.curves_mm.shape[2]
     content = {

@@ -55,5 +55,6 @@ def test_slow_decoder_is_named_with_its_remedy(tmp_path: Path) -> None:
     assert ("Shortcoming", SLOW_DECODER.text) in build(content).facts
     with zipfile.ZipFile(write_bug_report(tmp_path / "bug.zip")) as archive:
         versions = json.loads(archive.read("versions.json"))
-    assert versions["shortcomings"] == [SLOW_DECODER.text]
+    (told_of,) = versions["shortcomings"]  # the path of Python, in its command, is personal
+    assert told_of.startswith(SLOW_DECODER.text.partition('"')[0])
     assert "cobs" in versions["packages"]

@@ -15,7 +15,7 @@ from tests.boat_daq.gui.windows import RAMPING, run_command
 def panel(live):
     run_command(live, "Edit a plan of segments …")
     panel = live.live.plan_editor
-    assert "staircase" in panel.summary.text()
+    assert "Convert to segments" in panel.summary.text()
     panel.new.click()
     return panel
 

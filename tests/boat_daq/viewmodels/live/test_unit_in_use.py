@@ -75,7 +75,7 @@ def test_spline_is_converted_as_a_spline(result):
         branch=stored["branches"], reading_sd=stored["reading_sd_mm"],
     )  # fmt: skip
     x = np.array([-1.0, 0.3, 2.0])
-    assert spline(fit.predict(x)[:, None]).mm == pytest.approx(x, abs=1e-4)
+    assert spline(fit.predict(x)[:, None]).mm == pytest.approx(x, abs=5e-4)
     assert np.abs(cubic(fit.predict(x)[:, None]).mm - x).max() > 1e-3
 
 

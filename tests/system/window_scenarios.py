@@ -251,9 +251,9 @@ def recover(scenario: Scenario) -> None:
     scenario.click(scenario.window.navigation.buttons[Page.RECORDINGS])
     page = scenario.window.pages[Page.RECORDINGS]
     page.list.selectRow(0)
-    scenario.until(page.buttons["resume"].isVisible, "the offer to resume", 10)
+    scenario.until(page.actions_["resume"].isVisible, "the offer to resume", 10)
     scenario.keep("6-resume")
-    scenario.click(page.buttons["resume"])
+    page.actions_["resume"].trigger()
     scenario.until(lambda: scenario.state() is SessionState.ARMED, "armed again", 30)
     scenario.note("armed again")
     snapshot = model.session.snapshot()

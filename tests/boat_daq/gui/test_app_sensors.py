@@ -87,7 +87,8 @@ def test_board_is_calibrated_in_the_window(window, qtbot, tmp_path, sensors):
             timer.stop()
         shown = [figure for name, figure in live.figures.items() if name.startswith("s") and figure.isVisible()]
         assert [figure.value.text() != "\u2013" for figure in shown] == [True] * sensors
-        assert [plot.title for plot in live.plots.rows[:-1]] == [f"Sensor {n}" for n in range(1, sensors + 1)]
+        titles = [f"Sensor {n}" for n in range(1, sensors + 1)]
+        qtbot.waitUntil(lambda: [plot.title for plot in live.plots.rows[:-1]] == titles, timeout=PATIENCE_MS)
         model.connection.board = TruthGrid(truth)
         model.run.begin(SHORT)
         model.run.read_all = True

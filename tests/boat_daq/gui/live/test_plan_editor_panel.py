@@ -51,7 +51,7 @@ def test_plan_is_edited_over_its_preview(live, panel):
     live.live.show_plan()
     live.refresh()
     assert live.live.plan.choice.currentText() == "own plan"
-    assert not live.live.plan.fields["step_kpa"].isEnabled()
+    assert not live.live.plan.fields["step_kpa"].isVisible()
 
 
 def test_edit_is_undone_in_the_panel(panel):

@@ -97,6 +97,7 @@ class LivePlots(PlotCard):
         self.limits_kpa: list[float] = []
         self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)  # the live page never scrolls
         self.rows: list[Plot] = []
+        self._arranged_px = 0
         self._heights: Mapping[str, int] = {}  # as the layout has them
         self._shown: tuple[Axes, ...] = ()  # of the rows
         self._layout: tuple[Axes, ...] = ()  # of all plots, also of those for which the window is too low
@@ -161,6 +162,7 @@ class LivePlots(PlotCard):
         if len(self.own) > made:
             self._shown = ()  # a new plot is in the view until the layout places or hides it
         layout = self.model.plots()
+        self._arranged_px = self.view.height()
         rows = self._fitting(layout)
         heights = self.model.layout().heights
         if heights != self._heights:
@@ -226,6 +228,8 @@ class LivePlots(PlotCard):
 
     def draw(self) -> bool:
         """Draw one frame; returns whether there was anything to draw."""
+        if self.view.height() != self._arranged_px:  # the layout gives it its height after the card has its own
+            self.arrange()
         width, now_s = self.view.width(), monotonic()
         added = self.model.newest(self.last, width) if self.last and now_s < self._whole_until_s else None
         if added is not None:

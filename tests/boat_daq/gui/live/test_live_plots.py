@@ -230,6 +230,8 @@ def test_box_zooms_time_and_height_and_a_double_click_shows_all(live):
     live.frame_timer.stop()
     live.refresh()
     live.draw()
+    QApplication.processEvents()  # the plots get their heights
+    live.draw()
     plots = live.live.plots
     box, heights = plots.pressure.item.getViewBox(), plots.first.item.getViewBox().viewRange()[1]
     corners = [plots.view.mapFromScene(box.mapViewToScene(QPointF(*at))) for at in ((260.0, 30.0), (280.0, -10.0))]

@@ -55,6 +55,7 @@ def test_dragged_heights_are_kept(live):
 def test_unusable_stored_heights_are_ignored(live):
     """A broken file of preferences leaves the usual heights."""
     card = live.live.plots
+    live.draw()
     before = heights(card)
     card.borders.take({"0": "high", "x": 3, "1": -5})
     assert heights(card) == before

@@ -28,7 +28,7 @@ class Fidelity:
     ----------
     mesh : elements of the shadow's full model: along a cell, across the wall, across the lattice.
     mesh_error_mm : error of the elongation of the default actuator on that mesh, measured for the trade-off.
-    mesh_error_percent : of the elongation, of 95 % of all actuators (tests/verification/mesh_error.py).
+    mesh_error_percent : error bound of the elongation, 95 % of actuators (tests/verification/mesh_error.py).
     wall_modulus_kpa, neck_radius_mm : the two fitted numbers of the actuator, fitted on that mesh.
     table : pressures, elongations and shapes of the shadow's reduced model.
     posterior_samples : effective number; 4,000 give a standard deviation to 1.1 %, the width of the 95 % band to 1.5 %.

@@ -122,7 +122,7 @@ def plateau_table(plateaus: tuple[Plateau, ...]) -> pd.DataFrame:
 
 
 def shorter_settling_s(plateaus: tuple[Plateau, ...], settings: PlateauSettings) -> float:
-    """Return a settling time that most holds have room for, s; 0 where they have it, or none would do."""
+    """Return a settling time that most holds are long enough for, s; 0 where they have it, or none would do."""
     held_s = [p.end_s - p.start_s for p in plateaus]
     short = [p for p in plateaus if p.void and max(p.n, default=0) < _MIN_SAMPLES and not p.lost and not p.left_out]
     if not held_s or 2 * len(short) <= len(plateaus):

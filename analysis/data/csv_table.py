@@ -40,7 +40,6 @@ from protocol.base.errors import FileError, RequestError
 MOST_WARNINGS = 10
 MAX_BAD_SHARE = 0.05  # more broken rows than this and the file was not understood
 MOST_BROKEN = 10_000  # and more of them than whole rows: the rest is not read
-_TORN_AGAINST = 200  # lines whose last numbers are compared with that of a last line without an end
 SHOWN_WORDS = 100  # cells of a text column that are tried as grouped numbers
 # pandas 3 reads decimals to the nearest double by itself and deprecates the option that older ones need for it
 _EXACT: dict[str, Any] = {} if int(pd.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
@@ -100,7 +99,7 @@ def read_table(path: str | Path, separator: str | None = None, *, skip: int = 0,
     Parameters
     ----------
     skip : lines above header and numbers.
-    whole_lines : leave out a last line without an end that may be cut off.
+    whole_lines : leave out a last line without an end, which may be cut off within its last number.
     """
     path = Path(path)
     try:
@@ -153,7 +152,7 @@ def _from_columns(found: FileColumns) -> Table:
 
 
 def _is_torn(path: Path, dialect: Dialect) -> bool:
-    """Return whether the last line has no end, and its last number fewer digits than those above it may have."""
+    """Return whether the last line, if it is no comment, has no end: its last number may be cut off."""
     with path.open("rb") as file:
         file.seek(max(0, path.stat().st_size - MAX_LINE_BYTES))
         last = file.read()
@@ -161,16 +160,7 @@ def _is_torn(path: Path, dialect: Dialect) -> bool:
         tail = last[len(last) % 2 :].decode("utf-16-be" if last[-2:-1] == b"\0" else "utf-16-le", errors="replace")
     else:
         tail = last.decode(dialect.encoding, errors="replace").rstrip("\0")
-    lines = re.split(r"[\r\n]+", tail)[-_TORN_AGAINST:]
-    if is_comment(lines[-1]):
-        return False
-    cells = [cells_of(line, dialect.separator) for line in lines if not is_comment(line)]
-    ends = [row[-1].strip() for row in cells[:-1] if len(row) == len(cells[-1])]
-    decimals = [len(end.partition(dialect.decimal)[2]) for end in ends]
-    own = cells[-1][-1].strip()
-    if any(decimals):
-        return len(own.partition(dialect.decimal)[2]) < max(decimals)
-    return bool(ends) and len(own) < min(map(len, ends))
+    return not is_comment(re.split(r"[\r\n]", tail)[-1])
 
 
 def _torn(line: int) -> Warning:
@@ -300,10 +290,12 @@ def _slow(path: Path, dialect: Dialect, *, torn: bool) -> Table:
         rows.append([math.nan if v is None else v for v in values])
         words.append([cell.strip() if v is None else "" for cell, v in zip(cells, values, strict=True)])
         places.append(line_number)
-    if torn and rows and line_number == places[-1]:
-        del rows[-1], words[-1], places[-1]
     if torn:
-        warnings.append(_torn(line_number))
+        if places and line_number == places[-1]:
+            del rows[-1], words[-1], places[-1]
+        else:  # one of the broken rows
+            broken -= 1
+        warnings = [*(one for one in warnings if not one.text.startswith(f"line {line_number}:")), _torn(line_number)]
     if dialect.nuls:
         warnings.append(_nuls(path))
     if not rows or broken > MAX_BAD_SHARE * (len(rows) + broken) + 2:

@@ -47,7 +47,8 @@ def importing(
 
     Separator, decimal sign, encoding, header and units are detected. Columns that are not recognised are mapped by name
     or by number from 1; cell * SCALE + OFFSET is the value in UNIT. `--preview --json` prints a map that `--map FILE`
-    uses again. Unit and time of the run are those of the file, or as stated, else not known.
+    uses again. Unit and time of the run are those of the file, or as stated, else not known. A last line without its
+    end is left out: 12.3 may be the beginning of 12.34.
 
     Two files are joined at their dates, else where they follow each other; the offset is stated.
 

@@ -177,11 +177,11 @@ def import_capture(path: Path, profile: str | Path) -> Recording:
 
     described = load_profile(profile)
     try:
-        text = _MONITOR_STAMP.sub(b"", read_regular(path, CAPTURE_MAX_BYTES))
+        content = read_regular(path, CAPTURE_MAX_BYTES)
     except OSError as error:
         raise FileError(f"{path} cannot be read: {error.strerror or error}", "Check name and permissions.") from error
     link = TextConnection(described)
-    events = link.receive(b"\n" + text, 0)  # nothing is torn before the first line
+    events = link.receive(b"\n" + _MONITOR_STAMP.sub(b"", content), 0)  # nothing is torn before the first line
     blocks = [event.array for event in events if isinstance(event, Samples)]
     if not blocks:
         raise FileError(f"no line of {path.name} is as the text profile says", "Propose the profile of this file.")
@@ -189,8 +189,9 @@ def import_capture(path: Path, profile: str | Path) -> Recording:
     notes = []
     if link.statistics.malformed:
         notes.append(f"{link.statistics.malformed} lines are not as the text profile says: left out")
-    if not text.endswith((b"\n", b"\r")):
-        notes.append("the last line has no end: left out")
+    if not content.endswith((b"\n", b"\r")):
+        last = len(content.splitlines())
+        notes.append(f"line {last}, the last one, has no line end: left out, may be cut off")
     return _recording(path, described, samples, notes)
 
 

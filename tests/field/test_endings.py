@@ -16,7 +16,7 @@ from protocol.link.events import BoardRestarted, Samples
 from protocol.text.connection import TextConnection
 from protocol.text.profile import load_profile
 from protocol.text.proposal import propose
-from tests.field.truth import Run, put
+from tests.field.truth import Run
 
 PROFILE = """
 name = "board"
@@ -113,12 +113,17 @@ def test_a_recording_ends_when_its_time_is_over(monkeypatch, reported: list[floa
     assert board.now_s == ends_s
 
 
-@pytest.mark.parametrize(("cut", "left"), [(3, 1), (12, 1), (0, 0)])
-def test_a_torn_last_line_is_left_out(tmp_path: Path, run: Run, cut: int, left: int) -> None:
-    """A last number cut short is not taken for one; a whole line without an end is kept."""
-    path = put(tmp_path, run.lines())
-    path.write_bytes(path.read_bytes()[: -1 - cut])
-    recording = import_csv(path)
-    assert recording.n == run.time_s.size - left
+@pytest.mark.parametrize("form", ["{:.3f},{:.4f},{:.4f}", '{:.3f},{:.4f},"{:.4f}"', "{:.3f},{:.4f},{:.0f}"])
+@pytest.mark.parametrize("ending", ["\n", "\r\n", "\n# end", "\n\0\0\0", "", "\0\0", "cut 1", "cut 12"])
+def test_a_last_line_without_an_end_is_left_out(tmp_path: Path, run: Run, form: str, ending: str) -> None:
+    """Its last number may be cut, 12.3 of 12.34: also where it looks whole; a line with an end is kept."""
+    lines = run.lines(form)[:400]
+    text = "\n".join(lines)
+    cut = int(ending[4:]) if ending.startswith("cut") else 0
+    path = tmp_path / "cut.csv"
+    path.write_text(text[:-cut] if cut else text + ending, encoding="utf-8")
+    recording, torn = import_csv(path), "\n" not in ending
+    assert recording.n == len(lines) - 1 - torn
     said = recording.meta.get("import_issues", [])
-    assert any(f"line {run.time_s.size + 1}" in text for text in said) == bool(left)
+    assert sum("line 400, the last one, has no line end" in text for text in said) == torn
+    assert "broken_rows" not in recording.meta

@@ -90,7 +90,7 @@ def test_what_an_import_left_out_is_a_warning_of_the_figures(tmp_path: Path) -> 
     path = written(tmp_path / "a.csv", "time_s,pressure_kpa,s1_mv", lambda i: f"{i},{i % 7}.5,{1600 + i}")
     lines = path.read_text().splitlines()
     lines[10:17] = ["9,9"] * 7
-    path.write_text("\n".join(lines) + "\n" + "\n".join(f"{i},{i % 7}.5,{1600 + i}" for i in range(1000, 1900)))
+    path.write_text("\n".join(lines) + "\n" + "".join(f"{i},{i % 7}.5,{1600 + i}\n" for i in range(1000, 1900)))
     texts = [w.sentence for w in analyse(path, mcmc=False).warnings if w.code == "import"]
     assert texts[0] == "line 11: 2 fields where the others have 3"
     assert len(texts) == 6

@@ -20,7 +20,7 @@ def table(tmp_path):
     """Twenty rows: milliseconds, bar, an unknown unit, two voltages with titles that say nothing."""
     rows = [f"{10 * i};{0.01 * i:.2f};{i};{1.5 + 0.01 * i:.3f};{1.4 + 0.01 * i:.3f}" for i in range(20)]
     file = tmp_path / "lab.csv"
-    file.write_text("\n".join(["Time (ms);Pressure (bar);Target (furlong);left (V);right (V)", *rows]))
+    file.write_text("\n".join(["Time (ms);Pressure (bar);Target (furlong);left (V);right (V)", *rows, ""]))
     return file
 
 
@@ -95,7 +95,7 @@ def test_choices_are_kept_for_files_with_the_same_columns(model, table, tmp_path
 def test_rate_replaces_a_missing_time(model, tmp_path):
     """Without a column of time the rate is required, and used."""
     file = tmp_path / "untimed.csv"
-    file.write_text("pressure_kpa,s1_mv\n" + "\n".join(f"{i % 3},{1600 + i % 4}" for i in range(9)))
+    file.write_text("pressure_kpa,s1_mv\n" + "".join(f"{i % 3},{1600 + i % 4}\n" for i in range(9)))
     opened(model, file)
     assert "rate" in model.obstacle()
     model.rate = "fast"

@@ -8,6 +8,7 @@ each time is flaky: it is listed in `LIST` until it has passed in `CLEAN_RUNS` r
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Callable, Collection
@@ -25,10 +26,11 @@ NOT_OF_THIS_RUN = {4, 5}  # the test is gone, or is not of the daily set
 
 
 def run_alone(test: str) -> int:
-    """Run one test in a process of its own; return pytest's exit code."""
-    daily = "not nightly"
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", daily]
-    return subprocess.run([*command, test], cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode
+    """Run one test in a process of its own, with the platform of the whole run; return pytest's exit code."""
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not nightly", test]
+    environment = {**os.environ, "QT_QPA_PLATFORM": "offscreen"}
+    quiet = subprocess.DEVNULL
+    return subprocess.run(command, cwd=ROOT, env=environment, stdout=quiet, stderr=quiet).returncode
 
 
 def repeat(

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests import repeat_failed
-from tests.repeat_failed import CLEAN_RUNS, FAILED, MOST, PASSED, TIMES, main
+from tests.repeat_failed import CLEAN_RUNS, FAILED, MOST, PASSED, TIMES, main, run_alone
 
 GONE = 4
 
@@ -74,3 +74,12 @@ def test_test_that_is_gone_is_forgotten(outcome):
 def test_run_that_failed_without_a_failed_test_stays_failed(outcome, status):
     """Interrupted, an error of pytest, a plugin's objection."""
     assert outcome(status, []) == (status, {})
+
+
+def test_window_is_repeated_without_a_screen(tmp_path, monkeypatch):
+    """Every test of the window failed five times of five alone: Qt looked for a display."""
+    for name in ("QT_QPA_PLATFORM", "DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    test = tmp_path / "test_opens.py"
+    test.write_text("def test_opens(qtbot):\n    from PySide6.QtWidgets import QWidget\n    QWidget().show()\n")
+    assert run_alone(str(test)) == PASSED

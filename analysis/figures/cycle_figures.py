@@ -241,10 +241,10 @@ def cycle_sensitivities(loops: Loops, sensor: int) -> tuple[FloatArray, str]:
 
 
 def _centred(values: FloatArray, axis: int) -> FloatArray:
-    """Return the values less their mean along an axis, NaN left out."""
+    """Return the values less their mean along an axis, NaN left out; NaN where there is one value or none."""
     count = np.isfinite(values).sum(axis=axis, keepdims=True)
     with np.errstate(invalid="ignore"):
-        mean = np.nansum(values, axis=axis, keepdims=True) / np.where(count, count, np.nan)
+        mean = np.nansum(values, axis=axis, keepdims=True) / np.where(count > 1, count, np.nan)
     return np.asarray(values - mean, dtype=np.float64)
 
 

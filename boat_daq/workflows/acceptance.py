@@ -218,15 +218,18 @@ def change_readings(path: Path, values: Mapping[int, float | None]) -> dict[int,
     return {step: latest[step].elongation_mm for step in values}
 
 
-def missed_bounds(run: RunCalibration, posterior: Sequence[Mapping[str, Any]] = ()) -> tuple[str, ...]:
+def missed_bounds(
+    run: RunCalibration, posterior: Sequence[Mapping[str, Any]] = (), *, beside: str = ""
+) -> tuple[str, ...]:
     """Return which figures are out of tolerance, a sentence for each sensor that has one.
 
-    `posterior`: figures of each sensor's sampled curve; none where it was not sampled.
+    `posterior`: figures of each sensor's sampled curve; none where it was not sampled. `beside`: a text that is shown
+    too, whose reason of an unknown U is not repeated.
     """
     lines = []
     for i, sensor in enumerate(run.sensors):
         parts = [warning.text for warning in sensor.out_of_tolerance]
-        if sensor.record.u_reason:
+        if sensor.record.u_reason and sensor.record.u_reason not in beside:
             parts.append(f"U is not known: {sensor.record.u_reason}")
         if sensor.record.u_stand_in:
             parts.append(sensor.record.u_stand_in)

@@ -43,10 +43,7 @@ BAND = (
     "Expanded uncertainty, k = 2. Out of range: no elongation of the calibration gives these signals. Disagree: "
     "each sensor gives another elongation, so the band does not hold. End: within 2 u beyond the calibrated range."
 )
-TRIAL = (
-    "One cycle of a simulated unit at 20 times real time, each plateau read automatically: a calibration in half a "
-    "minute."
-)
+TRIAL = "See a whole calibration in half a minute: three cycles of a simulated unit, read automatically."
 _STEPS = {
     "Connect": "Plug in the board and choose its port, or start the virtual board: a simulated unit like SA1, for "
     "practice.",
@@ -144,9 +141,8 @@ class FirstSteps(QScrollArea):
         self.trial = controls.button("Quick trial", partial(attempt, run.trial.start), "primary", tip=TRIAL)
         self.board = controls.button("Connect a board …", partial(services.show, Panel.CONNECT))
         self.virtual = controls.button("Start the virtual board", partial(attempt, run.connection.start_virtual_board))
-        self.plan = controls.button("Show the plan", partial(services.show, Panel.PLAN))
         self.first = controls.card(controls.row((controls.label(TRIAL, "muted", wrap=True), 1), self.trial))[0]
-        buttons = ((self.virtual, self.board), (self.plan,), ())
+        buttons = ((self.virtual, self.board), (), ())
         rows = zip(_STEPS.items(), buttons, strict=True)
         steps = [self._step(str(i), title, text, *each) for i, ((title, text), each) in enumerate(rows, 1)]
         frame, inside = controls.card(controls.label("From a board to a calibration", "title"), self.first, *steps)

@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelIndex, Qt, Signal
-from PySide6.QtGui import QFont, QGuiApplication, QKeyEvent, QKeySequence
+from PySide6.QtGui import QFont, QGuiApplication, QKeyEvent, QKeySequence, QResizeEvent
 from PySide6.QtWidgets import QApplication, QBoxLayout, QCheckBox, QFrame, QTableView, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
@@ -59,7 +59,8 @@ class ReadingBar(QFrame):
         self.skip = controls.button("Skip", self.run.skip_reading, tip="Continue without a reading")
         self.field.textChanged.connect(self._ask)
         self.unit = controls.label(f"{run.readings.unit}, press Enter", "muted")
-        self._narrow = False
+        self._narrow = self._short = False
+        self._fitted: tuple[object, ...] = ()
         self.left = controls.label("", "muted", name="Time left for the reading, or the value taken")
         self.left.setToolTip("The run continues without a reading when its time is over")
         self.left.setFixedWidth(
@@ -70,6 +71,7 @@ class ReadingBar(QFrame):
         )
         self.lines = controls.row(self.question, (self.answer, 1))
         controls.as_card(self, self.lines)
+        self.setMinimumWidth(1)
         self.hide()
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
@@ -93,6 +95,7 @@ class ReadingBar(QFrame):
         simulated = self.run.connection.board is not None
         for control, visible in ((self.simulated, simulated), (self.all, simulated), (self.photo, not simulated)):
             control.setVisible(visible)
+        self._fit()
         self.all.setChecked(self.run.read_all)
         if step == self.step_id and self.field.isReadOnly() is (step is None):
             return
@@ -136,20 +139,37 @@ class ReadingBar(QFrame):
     def fold(self, narrow: bool, low: bool) -> None:
         """Stack question and answer in a narrow window, and put all closer; in a low one the edges, too."""
         self._narrow = narrow
-        self._show_unit()
-        self.simulated.setText("Simulate" if narrow else "Simulate reading")
-        self.all.setText("All" if narrow else "At every plateau")
         self.answer.setSpacing(style.STEP if narrow else style.GAP)
         self.lines.setSpacing(style.STEP if narrow else style.GAP)
         upright = style.STEP if low else style.GAP
         self.lines.setContentsMargins(style.CARD_PADDING, upright, style.CARD_PADDING, upright)
         way = QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight
         self.lines.setDirection(way)
+        self._fit()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Use short words where the long ones do not fit: the bar never pushes the pane aside."""
+        super().resizeEvent(event)
+        self._fit()
+
+    def _fit(self) -> None:
+        """Use the long words where they fit; tried once for each width and set of controls."""
+        asked = (self.width(), self._narrow, self.simulated.isHidden(), self.run.readings.unit)
+        if asked == self._fitted:
+            return
+        self._fitted = asked
+        for short in (self._narrow, True):
+            self._short = short
+            self.simulated.setText("Simulate" if short else "Simulate reading")
+            self.all.setText("All" if short else "At every plateau")
+            self._show_unit()
+            if self.lines.minimumSize().width() <= self.width():
+                return
 
     def _show_unit(self) -> None:
         """Show the unit in which the field is typed."""
         unit = self.run.readings.unit
-        controls.set_text(self.unit, unit if self._narrow else f"{unit}, press Enter")
+        controls.set_text(self.unit, unit if self._short else f"{unit}, press Enter")
         self.field.setAccessibleName(f"Elongation in {unit}")
 
     def enter(self) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QPointF, QRectF, Qt
+from PySide6.QtCore import QPointF, QRectF, QSignalBlocker, Qt
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF, QResizeEvent
 from PySide6.QtWidgets import (
     QBoxLayout,
@@ -30,6 +30,7 @@ from boat_daq.viewmodels.common.services import Panel, Services
 from boat_daq.viewmodels.live.end_at import EndAt
 from boat_daq.viewmodels.live.run_model import RunModel
 from boat_daq.viewmodels.live.sequence import (
+    HELD,
     PLAN_ENTRIES,
     Entry,
     SequenceModel,
@@ -393,9 +394,9 @@ class PlanForm(QScrollArea):
         self.services.notices.attempt(lambda: self.sequence.set_pressure(self.target.text(), self.ramp.text()))
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
-        """Show the plan where it has changed; lock it during a run."""
-        model = self.sequence
-        idle = snapshot.progress is None or "arm" in model.allowed(snapshot) or not snapshot.can_command
+        """Show the plan in force where it has changed; lock it while it is armed or runs."""
+        model, plan = self.sequence, self.sequence.in_force(snapshot)
+        idle = snapshot.state not in HELD or not snapshot.can_command
         for field in (*self.fields.values(), self.choice, self.ask_readings, self.asked):
             field.setEnabled(idle)
         self.asked.setEnabled(idle and bool(self.end_at.unit))
@@ -407,22 +408,23 @@ class PlanForm(QScrollArea):
         controls.set_text(
             self.limits, limits_text(snapshot.limits, model.units) or "Connect to a board to set a pressure."
         )
-        revision = (model.revision, self.end_at.revision, model.units)
+        revision = (model.revision, self.end_at.revision, model.units, plan, model.waits_in_force(snapshot))
         if revision == self._revision:
             return
         self._revision = revision
         self._show_asked()
-        self.ask_readings.setChecked(model.wait_for_reading)
-        if self.choice.findData(model.plan.name) < 0:
-            self.choice.addItem(model.plan.name, model.plan.name)
-        self.choice.setCurrentIndex(self.choice.findData(model.plan.name))
+        with QSignalBlocker(self.ask_readings):  # of the plan that runs, not a choice
+            self.ask_readings.setChecked(model.waits_in_force(snapshot))
+        if self.choice.findData(plan.name) < 0:
+            self.choice.addItem(plan.name, plan.name)
+        self.choice.setCurrentIndex(self.choice.findData(plan.name))
         for key, field in self.fields.items():
-            if key not in model.refused:
-                controls.set_text(field, model.value(key))
-        unused = {"staircase": (), "continuous": ("step_kpa",)}.get(model.plan.kind, _OF_CYCLES)
+            if key not in model.refused or not idle:
+                controls.set_text(field, model.value(key, plan))
+        unused = {"staircase": (), "continuous": ("step_kpa",)}.get(plan.kind, _OF_CYCLES)
         for key, cells in self.rows.items():
             for cell in cells:
                 cell.setVisible(key not in unused)
         self._show_units()
-        controls.set_text(self.estimate, model.estimate)
+        controls.set_text(self.estimate, model.estimate(snapshot))
         self._show_refused()

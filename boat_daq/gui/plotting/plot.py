@@ -358,9 +358,9 @@ class Plot:
         item = pg.InfiniteLine(pos=at, angle=90 if vertical else 0, movable=movable, label=text or None)
         if label:
             item.label.setFont(style.small_font())
-            if vertical:  # below the upper edge, on the side with space: visible on a low plot too
-                item.label.anchors = [(0, 0), (1, 0)]
-            item.label.setPosition(1.0 if vertical else 0.94)
+            # below the upper edge on the side with space, or inside the right edge: visible on a small plot too
+            item.label.anchors = [(0, 0), (1, 0)] if vertical else [(1, 0), (1, 1)]
+            item.label.setPosition(1.0)
         self._lines.append((item, colour, style_))
         self.item.addItem(item, ignoreBounds=True)
         if self._theme is not None:

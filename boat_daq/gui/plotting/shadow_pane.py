@@ -103,8 +103,10 @@ class ShadowView(QWidget):
         self._guides(painter, self.picture)
         painter.setBrush(QColor(self.theme.surface))
         dot = DOT / painter.transform().m11() / 2
+        tip = float(self.picture.corners[..., 1].max())
         for x, z in self.picture.tracked:
-            painter.drawEllipse(QPointF(x, z), dot, dot)
+            if 0.0 <= z <= tip:  # else in a holder, where nothing is drawn that it could belong to
+                painter.drawEllipse(QPointF(x, z), dot, dot)
         self._rest(painter, self.picture)
         self._tip(painter, self.picture.nominal_mm, self.theme.target, Qt.PenStyle.DashLine)
         self._tip(painter, self.picture.measured_mm, self.theme.elongation, Qt.PenStyle.SolidLine)

@@ -122,7 +122,8 @@ class CycleFigureCard(PlotCard):
         for found in model.result.breaks:
             self._mark(self.plot.line(lambda t: t.warn, at=found.at_cycle, vertical=True, label="interrupted"))
         self.readout.setText("  ".join(f"{symbol} sensor {n}" for n, symbol in enumerate(FILLED[: len(sensors)], 1)))
-        self.show_empty("" if any(points.y.size for points in self.sensors) else NO_FIGURE)
+        drawn = any(points.y.size for points in self.sensors)
+        self.show_empty(model.no_figure(shown) or ("" if drawn else NO_FIGURE))
         controls.set_text(self.note, model.note(shown))
         self.plot.fit(also_y=() if not np.isfinite(limit) else (limit,))
 

@@ -33,6 +33,7 @@ from protocol.recording import RunEnd
 
 ReadInterrupted = Callable[[Path, Callable[[BrokenRun], None]], None]
 TRIAL_SPEED = 20.0  # of the virtual board over real time
+TRIAL_CYCLES = 3  # the fewest that give an uncertainty
 ENDED_RUN = (*AT_REST, SessionState.FAULT)
 UNDER_WAY = (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
 
@@ -146,7 +147,7 @@ class ResumeRun:
 
 
 class QuickTrial:
-    """One cycle of the calibration plan on the virtual board, read from its grid, and its calibration."""
+    """A short calibration plan on the virtual board, read from its grid, and its calibration."""
 
     def __init__(self, run: RunModel) -> None:
         self._run = run
@@ -177,7 +178,7 @@ class QuickTrial:
             self._end()
         elif not self._begun and snapshot.link is LinkState.UP and snapshot.last is not None:
             self.active = False  # where it cannot begin
-            run.begin(replace(built_in_plans()["calibration"], cycles=1))
+            run.begin(replace(built_in_plans()["calibration"], cycles=TRIAL_CYCLES))
             self.active = self._begun = run.read_all = True
 
     def _end(self) -> None:

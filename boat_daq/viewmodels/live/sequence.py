@@ -181,11 +181,6 @@ class SequenceModel:
         self._preferences.set("plan", self.plan.to_toml())
         self._preferences.set("wait_for_reading", self.wait_for_reading)
 
-    @property
-    def estimate(self) -> str:
-        """Return plateaus and time of the chosen plan."""
-        return self._estimate(self.plan, waits=self.wait_for_reading)
-
     @staticmethod
     def _estimate(plan: Plan, *, waits: bool) -> str:
         plateaus, lasts_s = _extent(plan)
@@ -197,11 +192,17 @@ class SequenceModel:
         held = snapshot.state in HELD and snapshot.plan is not None
         return snapshot.plan if held and snapshot.plan is not None else self.plan
 
+    def waits_in_force(self, snapshot: SessionSnapshot) -> bool:
+        """Return whether the plan in force waits for each reading."""
+        return self.wait_for_reading if self.in_force(snapshot) == self.plan else self._needs_readings
+
+    def estimate(self, snapshot: SessionSnapshot) -> str:
+        """Return plateaus and time of the plan in force."""
+        return self._estimate(self.in_force(snapshot), waits=self.waits_in_force(snapshot))
+
     def line(self, snapshot: SessionSnapshot) -> str:
         """Return name, plateaus and time of the plan that is drawn."""
-        plan = self.in_force(snapshot)
-        waits = self.wait_for_reading if plan == self.plan else self._needs_readings
-        return f"{plan.name}: {self._estimate(plan, waits=waits)}"
+        return f"{self.in_force(snapshot).name}: {self.estimate(snapshot)}"
 
     def drawing(self, snapshot: SessionSnapshot) -> StaircaseDrawing:
         """Return the plan that is armed, runs or would run next, with limits and the done part."""
@@ -273,10 +274,10 @@ class SequenceModel:
         self.refused[key] = why
         return why
 
-    def value(self, key: str) -> str:
-        """Return a field as text."""
+    def value(self, key: str, plan: Plan | None = None) -> str:
+        """Return a field of the chosen plan, or of another one, as text."""
         entry = next(e for e in PLAN_ENTRIES if e.key == key)
-        return f"{self.units.shown(entry.unit or '1').value(getattr(self.plan, key)):g}".replace("-", MINUS)
+        return f"{self.units.shown(entry.unit or '1').value(getattr(plan or self.plan, key)):g}".replace("-", MINUS)
 
     def unit(self, stored: str) -> str:
         """Return the unit in which values of a stored one are shown."""

@@ -338,8 +338,8 @@ class CalibrationModel:
         """Return what prevents acceptance of the curves, then the figures out of tolerance."""
         if self.result is None or missing(self.result) is not None or self.to_check():
             return ()
-        obstacle = obstacle_to(self.result)
-        lines = missed_bounds(self.result, self._sampler())
+        obstacle, found = obstacle_to(self.result), self.result.verdict or RunVerdict()
+        lines = missed_bounds(self.result, self._sampler(), beside=found.headline)
         return lines if obstacle is None else (str(obstacle), *lines)
 
     def to_check(self) -> tuple[ReadingToCheck, ...]:

@@ -172,6 +172,12 @@ class RepeatabilityModel:
         limit = next((f for f in found if f is not None and math.isfinite(f.limit)), None)
         return (math.nan, "") if limit is None else (limit.limit, f"limit {limit.symbol} {limit.limit:g}")
 
+    def no_figure(self, shown: CycleFigure) -> str:
+        """Return why a figure is not drawn; "" where some cycle has it."""
+        if self.result is not None and self.result.cycles < 2 and shown.key == DRIFT_KEY:
+            return "One cycle has no drift. Run two or more."
+        return ""
+
     def note(self, shown: CycleFigure) -> str:
         """Return what the lines of a figure are, and why single cycles lie above that of the run."""
         if self.result is None:

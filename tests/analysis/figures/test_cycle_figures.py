@@ -187,6 +187,13 @@ def test_two_cycles_have_no_warm_up() -> None:
     )
 
 
+def test_one_cycle_has_no_drift_of_its_levels() -> None:
+    """One value is its own mean: its distance from it is not zero but unknown."""
+    found = analyse(Plant().run(*triangle(1, 10)), options=QUICK).sensors[0].by_cycle
+    assert len(found.numbers) == 1
+    assert np.isnan(found.level_displacement_percent_fso).all()
+
+
 def test_snr_of_each_cycle_is_that_of_its_span_over_its_noise() -> None:
     """A noise of 0.5 mV under spans of 255.6 and 189.9 mV: 54.2 and 51.6 dB in each of four cycles."""
     found = analyse(Plant(noise_mv=(0.5, 0.5)).run(*triangle(4, 20)), options=QUICK)

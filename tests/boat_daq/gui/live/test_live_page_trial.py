@@ -1,6 +1,8 @@
-"""The quick trial: offered before the first recording, one cycle on the virtual board, read and calibrated."""
+"""The quick trial: offered before the first recording, three cycles on the virtual board, read and calibrated."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import pytest
 from PySide6.QtCore import Qt
@@ -48,22 +50,30 @@ def test_quick_trial_is_the_first_button_before_the_first_recording(empty):
     assert (steps.trial.isVisible(), steps.virtual.property("role")) == (False, "primary")
 
 
-def test_quick_trial_runs_a_cycle_reads_it_and_calibrates(trial):
-    """One click: a cycle at 20 times real time that waits for readings, each read from the grid, then the analysis."""
+def test_quick_trial_runs_three_cycles_reads_them_and_calibrates(trial):
+    """One click: three cycles at 20 times real time, each plateau read from the grid, then the analysis.
+
+    Fewer give no uncertainty. The plan that is shown is the one that runs, until the run has ended.
+    """
     model, session = trial.model, trial.model.session
     plan, cycles = model.sequence.plan, model.sequence.plan.cycles
-    assert model.armed == [20.0, (1, {"wait_for_reading": True, "resume": False, "regulator": None, "hold": False})]
+    assert model.armed == [20.0, (3, {"wait_for_reading": True, "resume": False, "regulator": None, "hold": False})]
     assert session.calls == ["start_recording", "start"]
     assert (model.sequence.plan, cycles) == (plan, 5)
     session.marks = (StepMark(ASKED.step_id, 1, "unloading", 20.0, 10.0, 1),)
-    session.change(state=SessionState.RUNNING, waiting_for_reading=ASKED)
+    session.change(state=SessionState.RUNNING, waiting_for_reading=ASKED, plan=replace(plan, cycles=3))
+    trial.live.pane.setCurrentWidget(trial.live.plan)
     trial.refresh()
+    field = trial.live.plan.fields["cycles"]
+    assert (field.text(), field.isEnabled()) == ("3", False)
     assert [(r.elongation_mm, r.source) for r in session.kept] == [(1.5, "simulated")]
     session.change(waiting_for_reading=None, progress=RAMPING)
     trial.refresh()
     assert trial.live.reading.left.text() == "+1.50 taken"
     session.change(state=SessionState.IDLE)
     trial.refresh()
+    trial.live.plan.refresh(session.shown)
+    assert (field.text(), field.isEnabled()) == ("5", True)
     assert (trial.place, model.armed[-1]) == (Tab.CALIBRATION, "analysed")
     assert (model.run.trial.active, model.run.read_all) == (False, False)
     assert model.prepared == [1, 3]  # helpers: of the analysis during the run, of the report after it

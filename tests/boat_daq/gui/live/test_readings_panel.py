@@ -254,6 +254,10 @@ def test_grid_of_the_virtual_board_is_read_by_one_key(running):
     running.model.connection.board = Grid(2.5)
     running.refresh()
     assert (bar.simulated.isVisible(), bar.all.isVisible(), bar.photo.isVisible()) == (True, True, False)
+    QApplication.processEvents()
+    scroll = running.scrolls[running.place]
+    assert running.live.width() <= scroll.width()  # long words would push the pane aside
+    assert bar.lines.minimumSize().width() <= bar.width()
     run_shortcut(running, "F2")
     assert [(r.step_id, r.elongation_mm, r.source) for r in session.kept] == [(4, 2.5, "simulated")]
     session.change(waiting_for_reading=None)

@@ -166,9 +166,8 @@ def test_guides_end_at_the_base_and_at_the_tip(qtbot):
     view.paint_theme(style.LIGHT)
     guide = np.array([[10.0, -12.0], [10.0, 88.0]])
     box = np.array([[-28.0, 0.0], [28.0, 0.0], [28.0, 76.0], [-28.0, 76.0]])
-    view.show_picture(
-        ShadowPicture(box, box[None], np.zeros(1, np.int64), guide[None], np.zeros((0, 2)), math.nan, 1.0)
-    )
+    ends = np.array([[10.0, -8.0], [10.0, 84.0]])  # tracked points in the holders: drawn, they floated in the air
+    view.show_picture(ShadowPicture(box, box[None], np.zeros(1, np.int64), guide[None], ends, math.nan, 1.0))
     view.show()
     image, place = view.grab().toImage(), view._transform()
 

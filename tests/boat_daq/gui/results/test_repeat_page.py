@@ -143,3 +143,9 @@ def test_figure_without_cycles_is_shown_as_text(live):
     assert (page.card.view.isVisible(), page.card.empty_text.isVisible()) == (False, True)
     choose(page, "SNR")
     assert page.card.view.isVisible()
+    live.model.repeatability.show(dataclasses.replace(whole, cycles=1))
+    choose(page, "Drift")
+    assert (page.card.view.isVisible(), page.card.empty_text.text()) == (
+        False,
+        "One cycle has no drift. Run two or more.",
+    )

@@ -24,6 +24,14 @@ def test_framed_range_holds_its_data_on_the_ladder(low, span):
     assert round(step / 10 ** math.floor(math.log10(step) + 1e-9)) in (1, 2, 5, 10)
 
 
+@pytest.mark.parametrize(("value", "least"), [(0.0, 0.5), (1500.0, 100.0), (-3e-13, 0.5)])
+def test_framed_range_of_a_constant_shows_no_rounding(value, least):
+    """One value, or the rounding of one, is no range of 1e-9 with ticks of 4e-10."""
+    low, high = axis.framed(value, value + 1e-13)
+    assert low < value < high
+    assert high - low >= least
+
+
 def test_steady_range_grows_at_once_and_shrinks_late():
     """Data that leave the range widen it now; data that need less narrow it only after the patience."""
     steady = axis.SteadyRange(smallest=1.0, patience_s=1.5)

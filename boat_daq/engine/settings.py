@@ -92,11 +92,11 @@ class Settings:
     file_name: str = stated(
         "",
         "File names",
-        "Template of the names of recordings: {unit} {operator} {plan} {date} {time} {number}; empty: unit and time",
+        "Of recordings: {unit} {operator} {plan} {date} {time} {number}; empty: unit and time",
         applies=Applies.RECORDING,
     )
     operator: str = stated(
-        "", "Operator", "Stated in each recording where its metadata name nobody", applies=Applies.RECORDING
+        "", "Operator", "Written in recordings whose metadata name no operator", applies=Applies.RECORDING
     )
     unit: str = stated(
         "", "First unit", "Unit that the window proposes before one was used; empty: SA1", applies=Applies.START
@@ -161,7 +161,7 @@ class Unit:
     )
     note: str = stated("", "Note", "Anything about the unit", applies=Applies.NOW)
     usb_serial: str = stated(
-        "", "USB serial number", "Of the board last used with this unit, by which it is found; stored by itself"
+        "", "USB serial number", "Identity of the board last used with this unit; stored automatically"
     )
     version: int = _VERSION
     type_b: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)

@@ -30,9 +30,8 @@ from boat_daq.viewmodels.results.metadata import MetadataModel
 CONNECTED = "Disconnect the board first."
 NO_GRID = "No plateau of the virtual board waits for a reading."
 DERIVED = (
-    "One a line: NAME [UNIT] = EXPRESSION, such as ratio = s1_mv / s2_mv. Use pressure_kpa, s1_mv, s1_lit, s1_dark, "
-    "those above, + - * / ** < >, and abs, sqrt, exp, log, min, max, where and others. They are plotted, and stored "
-    "with the next recordings."
+    "One a line: NAME [UNIT] = EXPRESSION of pressure_kpa, s1_mv, s1_lit, s1_dark and those above\n"
+    "ratio = s1_mv / s2_mv"
 )
 CONTENTS = {  # what an operator types to find a page or a tab
     Page.MEASURE: "live run plot",

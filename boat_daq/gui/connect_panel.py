@@ -17,10 +17,7 @@ from boat_daq.viewmodels.live.connection import VIRTUAL_SENSORS, VIRTUAL_UNITS, 
 
 _SPEEDS = [("real time", 1.0), ("5 times faster", 5.0), ("20 times faster", 20.0)]
 _SENSORS = [(f"{n} sensor{'s' * (n != '1')}", ending) for n, ending in VIRTUAL_SENSORS.items()]
-PROFILE_HINT = (
-    "Empty for a BOAT board. Otherwise paste an RX8 line of Bridge Control Panel, or a profile: its TOML text, or the "
-    "path of its file."
-)
+PROFILE_HINT = "Empty for a BOAT board; else an RX8 line of Bridge Control Panel, a TOML profile, or its path"
 
 
 class ConnectPanel(QDialog):

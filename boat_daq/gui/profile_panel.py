@@ -19,8 +19,7 @@ from boat_daq.viewmodels.live.board_profile import COMMAND_LABELS, DEVICE, Board
 _UNITS = ("", "s", "ms", "us", "kPa", "Pa", "mbar", "bar", "psi", "counts", "mV", "V", "degC")
 _EXPLANATION = "Choose the port of the board, or a file with what it printed. Nothing is sent to the port."
 COMMANDS_HINT = (
-    "Text that the firmware understands, with fields such as {kpa:.1f}; \\n is a line end. Without limits, a vent and "
-    "a pressure command, the program records and commands no pressure. The dry run shows the bytes, and sends none."
+    "Text the firmware understands, such as P{kpa:.1f}\\n; without limits, vent and pressure it is only recorded"
 )
 _HINTS = {"set_pressure": "P{kpa:.1f}\\n", "vent": "V\\n", "start": "R{rate_hz}\\n", "heartbeat": "H\\n"}
 PREVIEW_HEIGHT = 6 * style.CONTROL_HEIGHT

@@ -58,7 +58,7 @@ class ValueRow:
             self.field.editingFinished.connect(self._enter)
         self.field.setAccessibleDescription(about.meaning)
         for part in (self.label, self.field):
-            part.setToolTip(controls.as_words(f"{about.meaning}. {note(about)}".strip()))
+            part.setToolTip(controls.as_words(f"{about.meaning}.\n{note(about)}".strip()))
 
     def text(self) -> str:
         """Return what the field has."""

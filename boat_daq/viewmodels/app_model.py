@@ -134,13 +134,13 @@ class AppModel:
     def compile_ahead(self) -> None:
         """Compile what is not in the cache in helper processes; the live conversion waits for its own part."""
         self.unit.hold()
-        job = Job("prepare the conversion", compile_conversion)
+        job = Job("Preparing the live elongation", compile_conversion)
         self.jobs.start("conversion code", job, self._conversion_compiled)
 
     def _conversion_compiled(self, job: Job) -> None:
         self.unit.release()
         if job.result:
-            self.jobs.start("compiled code", Job("compile once", compile_rest), lambda _: None)
+            self.jobs.start("compiled code", Job("Compiling, at the first start only", compile_rest), lambda _: None)
 
     def tick(self) -> SessionSnapshot:
         """Take a snapshot and the results of background work; return the snapshot."""

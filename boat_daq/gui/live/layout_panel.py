@@ -17,10 +17,7 @@ from protocol.base.units import as_text
 
 OWN, HIDDEN = "", "hidden"  # places besides the plot of another quantity
 AGAINST = {PRESSURE: "Pressure", ELONGATION: "Elongation", CAMERA: "Camera"}
-_EXPLANATION = (
-    "Kept for this unit. Drag the border between two plots to change their heights; a double click on it makes them "
-    "equal. Undo: Ctrl+Z."
-)
+_EXPLANATION = "Kept for this unit. Drag the border between two plots to change their heights (undo: Ctrl+Z)."
 
 
 class LayoutPanel(QDialog):

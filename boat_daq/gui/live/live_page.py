@@ -39,18 +39,12 @@ SPACING = 6  # between the parts of a value
 ELONGATION_NOTES = (("\u00b18.88 (k = 2)", "\u25b2 out of range"), ("\u00b18.88", "\u25b2 differ"))
 TARGET_NOTES = (("was +88.8",), ("\u2192 +88.8", "was +88.8"))
 _SENSORS, _BESIDE = 4, 2  # of a board at most; of those at most whose values are beside the others
-BAND = (
-    "Expanded uncertainty, k = 2. Out of range: no elongation of the calibration gives these signals. Disagree: "
-    "each sensor gives another elongation, so the band does not hold. End: within 2 u beyond the calibrated range."
-)
+BAND = "Expanded uncertainty, k = 2; it does not hold where sensors disagree or the elongation is out of range"
 TRIAL = "See a whole calibration in half a minute: three cycles of a simulated unit, read automatically."
 _STEPS = {
-    "Connect": "Plug in the board and choose its port, or start the virtual board: a simulated unit like SA1, for "
-    "practice.",
-    "Run the plan": "Arm checks the limits, Start records and runs the cycles. At each plateau, type the elongation on "
-    "the millimetre grid and press Enter.",
-    "Accept the calibration": "The page Results fits the run and shows its bands and figures. Once accepted, the "
-    "elongation is shown live in millimetres.",
+    "Connect": "Plug in the board and choose its port, or practise on the virtual board, a simulated unit.",
+    "Run the plan": "Press Arm, then Start. At each plateau type the elongation on the grid and press Enter.",
+    "Accept the calibration": "Look at the verdict on Results and press Accept: the elongation is then shown live.",
 }
 
 

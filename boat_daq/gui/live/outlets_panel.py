@@ -15,12 +15,9 @@ from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.outlets import OutletsModel
 
-_EXPLANATION = "Other programs read what the board sends while it measures. They never delay the recording."
+_EXPLANATION = "Other programs read what the board sends, without delaying the recording."
 _NETWORK = "LSL has no access control: anyone on the network can then read."
-CONTROL = (
-    "Clients may set pressures, run plans and record, within the limits and the interlock that hold here. Without it "
-    "they read, and may vent. Control ends with this window."
-)
+CONTROL = "Clients may run plans, set pressures and record, within all limits; without it they read and vent"
 _TOKEN = "Clients send the token before they control; those of other computers before anything."  # noqa: S105 - an explanation
 
 

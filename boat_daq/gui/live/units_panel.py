@@ -14,10 +14,7 @@ from boat_daq.viewmodels.common.preferences import UnitChoice
 from boat_daq.viewmodels.common.services import Services
 from protocol.base.units import CHOICES, STORED_UNITS, ShownUnits, as_text
 
-_EXPLANATION = (
-    "Axes, values, cursors and tables of this window. Recordings, plans, readings that are typed and exported files "
-    "keep kPa, mV and mm."
-)
+_EXPLANATION = "For the whole window. Recordings, plan files and exports keep kPa, mV and mm."
 _NAMES = {"pressure": "Pressure", "voltage": "Signal", "length": "Elongation", "temperature": "Temperature"}
 
 

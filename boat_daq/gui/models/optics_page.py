@@ -50,40 +50,17 @@ SCALE_WIDTH = 68
 ON_GRID_MM = 1e-6
 _STRIP_MARGIN = 0.02  # of the strip, for the marks at its ends
 LABEL_MARGIN = 0.1  # of the height, over the highest point
-RAYS_TIP = (
-    "Any number of rays, or any error (of 250 rays, 95 %), as \u00b12 rays, which takes as many as it needs, in "
-    "the final evaluation of the search too. Automatic: by the precision in Settings, Speed and accuracy"
-)
-RACE_TIP = (
-    "Any confidence, as 95 %, with which \u201cOptimise\u201d then finds the best of all designs that it evaluated: "
-    "more rays for those that may be the best, up to five minutes more"
-)
+RAYS_TIP = "A number of rays, or an error (of 250 rays, 95 %) such as ±2 rays; automatic: by the precision in Settings"
+RACE_TIP = "Confidence, such as 95 %, with which \u201cOptimise\u201d finds the best design: up to five minutes more"
 SWEEP_FIRST = "Press \u201cSweep all designs\u201d to "
 
-SCENE = (
-    "Light from the emitter at the left, in the plane of the light guide. Rays that strike a wall continue as "
-    "secondary rays; those that reach the receiver at the right are counted. Of more than 250 rays 250 are drawn, "
-    "evenly chosen; all are counted. The error (k = 2, about 95 %) is that of the number of rays."
-)
+SCENE = "Rays from the emitter (left) to the receiver (right); 250 at most are drawn, all are counted"
 RESPONSE = (
-    "Points: how many of 250 rays reach the receiver in each state (NDR), or the power of 250 rays, with one standard "
-    "deviation. "
-    "Line: the cubic through them (aNDR). Range (\u0394): how much the line falls from compressed to elongated. "
-    "Increases (n_sign): how many of the 14 steps go up instead of down. Rms residual (RMSE): the distance of the "
-    "points from the line. Figure of merit: P = \u0394 / (increases \u00d7 rms residual)."
+    "Points: detected rays (NDR) with one sd; line: the cubic through them; P = range / (increases × rms residual)"
 )
-MERIT = (
-    "P = range / (increases \u00d7 rms residual) of each design, relative to the best: the signal of a good design "
-    "changes strongly, steadily and smoothly over the stroke. Click a cell to show its design."
-)
-_FRONT = (
-    "Each point is a design: up is a larger range, left is smoother. Filled points are Pareto-optimal: no other design "
-    "is better in range, rms residual and increases at once. Click a point to show its design."
-)
-STRIP = (
-    "Every design of the sweep by falling figure of merit. Filled: designs that cannot be told from the best with so "
-    "many rays. Click a point to show its design."
-)
+MERIT = "P = range / (increases × rms residual), relative to the best; click a cell to show its design"
+_FRONT = "Up: larger range; left: smoother; filled: no other design is better in all three; click one to show it"
+STRIP = "Designs by falling figure of merit; filled: cannot be told from the best; click one to show it"
 FROM_FILE = "file"
 WHAT_COMES = "Press \u201cSweep all designs\u201d to find which of 648 designs is best, and how sure that is."
 RUNNING = "Under pressure: nothing is traced until the run has ended and the unit is vented."

@@ -23,13 +23,9 @@ ALARM_SIZE, ALARM_LINES = 16, 4
 _MARGIN = 0.1  # of the span of a figure, for the marks at its ends
 ALARM_HEADINGS = ("What", "Since", "Found", "False alarm once in", "Seen in")
 
-NO_CYCLES = "Start a plan: each cycle is shown here as a point. The unit needs an accepted calibration."
+NO_CYCLES = "Each cycle of a plan is shown here as a point, once the unit has an accepted calibration."
 _CYCLES = "One figure of each cycle of the run; a drift shows a change of the actuator."
-NOMINAL = (
-    "Model: a healthy actuator of this design, computed by finite elements; its band includes about 95 % of them "
-    "(k = 2) and their hysteresis. The numerical error is that of the computation alone. Measured: this unit in the "
-    "last minute, by its calibration."
-)
+NOMINAL = "Model: healthy actuators of this design (band: 95 %, with hysteresis); measured: this unit, last minute"
 
 
 class NominalCard(PlotCard):

@@ -28,14 +28,8 @@ _RING, SQUARE, MARK_WIDTH = 18, 26, 2
 LABEL_SHARE = 0.99  # of the width, where a text about a line ends: the settings there are few
 NUMBER_ANCHOR = (-0.15, 1.0)  # right of the point and above it
 _GAP = (math.nan, math.nan)  # between two strokes
-_KEY = (
-    "Lower: more exact; further left: faster. Blue steps: front, the least error for the time.  "
-    f"\u25cb default  \u25a1 {CHOICE}"
-)
-_EXPLANATION = (
-    "Each point is a setting of the method, numbered as in the table. Time is processor time on the computer that is "
-    "named below the table; bars are the range over the repeats."
-)
+_KEY = f"Lower: more exact; further left: faster   steps: least error for the time   ○ default   □ {CHOICE}"
+_EXPLANATION = "A point for each setting, numbered as in the table; time of the processor, bars: range over the repeats"
 NOT_MEASURED = "This method was not measured."
 Places = Sequence[tuple[float, float]]
 

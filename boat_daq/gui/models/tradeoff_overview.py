@@ -26,10 +26,7 @@ _HEADINGS = ("No.", "Method", "Default", "Time", "Error", "Share")
 SHARE_TIP = "The error in percent of the least that is noticeable; the rule accepts a setting up to 50 %"
 _LEAST_SHARE = 0.05
 """Smaller errors are drawn here, so that the others are apart."""
-_KEY = (
-    "\u25cf a method  \u25a0 a whole job, numbered as in the table.  Lower is more exact, further left is faster; "
-    "errors below 5 % are at 5 %. Click one to see its settings."
-)
+_KEY = "● a method   ■ a whole job   lower: more exact   further left: faster   click one to see its settings"
 _NUMBERS = {name: number for number, name in enumerate(METHOD_NAMES, 1)}
 
 

@@ -41,21 +41,10 @@ from protocol.base.arrays import FloatArray
 _BESIDE = 2  # curves in a row
 VERDICT_EXAMPLE = "\u25b2 U = 0.13 mm (k = 2) from -2.5 to 4.0 mm; 1 reading to check"
 BANDS = "Uncertainty bands"
-BANDS_TIP = (
-    "Bands that include the uncertainty from the grid of the readings: samples the posterior of the coefficients with "
-    "emcee, a Markov chain Monte Carlo; takes a while, in the background"
-)
-BANDS_SHOWN = (
-    "Bands: 68 % and 95 % of the curve, from the least-squares fit or from the sampled posterior (emcee); the widest "
-    "one, once sampled, is 95 % of a new reading."
-)
-EXPORT_TIP = (
-    "Save it for other programs: JSON, a C header for a microcontroller, a function for MATLAB and Octave, or a table"
-)
-TABLE_ERROR_TIP = (
-    "Greatest error of the table that \u201cExport calibration\u201d writes, any number of mm. Automatic: 0.001 mm in "
-    "a CSV file, and no table in a C header"
-)
+BANDS_TIP = "Bands that include the grid of the readings, by sampling (emcee); takes a while, in the background"
+BANDS_SHOWN = "Bands: 68 % and 95 % of the curve; the widest, once sampled (emcee), 95 % of a new reading"
+EXPORT_TIP = "For other programs: JSON, C header, MATLAB or Octave function, or table"
+TABLE_ERROR_TIP = "Greatest error of an exported table, mm; automatic: 0.001 mm in CSV, no table in a C header"
 ACCEPT_TIP = "Store it with the unit and use it live"
 ANYWAY_TIP = "Store it with the unit, marked as out of tolerance, and use it live"
 _NO_CYCLE = "A loop needs one complete cycle."
@@ -229,8 +218,7 @@ class CalibrationPage(QWidget):
         self.table = self.figures.table
         empty = EmptyState(
             "No run has been analysed yet",
-            "You will see each sensor's points and curve with its bands, the hysteresis loops and the figures with "
-            "their intervals. Run the calibration plan on Measure, enter the readings, then analyse the run.",
+            "Run the calibration plan on Measure and type its readings: curves, loops and figures appear here.",
             "Analyse the last run",
             partial(services.notices.attempt, model.analyse_current),
         )

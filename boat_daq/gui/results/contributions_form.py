@@ -25,10 +25,7 @@ from boat_daq.viewmodels.results.contributions import (
 )
 
 _REFRESH_MS = 250
-_EXPLANATION = (
-    "What a run does not show: state it from a certificate or a data sheet. What is not stated is not assessed; zero "
-    "is a statement. Undo: Ctrl+Z."
-)
+_EXPLANATION = "From a certificate or data sheet. Empty: not assessed; zero is a statement (undo: Ctrl+Z)."
 ANOTHER = "Another \u2026"
 _HINTS = {
     "dof": "empty: certain", "certificate": "number and date", "source": "", "k": "",

@@ -12,10 +12,7 @@ from boat_daq.gui.widgets import controls
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.results.metadata import FIELDS, MetadataModel, free_lines
 
-_EXPLANATION = (
-    "Reports, exports and certificates show it. All but note and ambient conditions is remembered for the unit's next "
-    "recording. Undo: Ctrl+Z."
-)
+_EXPLANATION = "Printed in reports, exports and certificates. Note and ambient conditions are not remembered."
 FREE_HINT = "name = value, one on each line"
 TEMPLATE = "Take from a template"
 

@@ -69,7 +69,7 @@ class RecordingStatus:
         text = "   ".join((short, size_text(self._size), left))
         if health is not None and health.lag_ms > NOT_SAVED_MS:
             short = text = f"\u25a0 NOT SAVING {duration(health.lag_ms / 1e3)}"
-            tip = f"The disk takes nothing. Data wait in memory until it does.\n{tip}"
+            tip = f"The disk takes no data. They wait in memory.\n{tip}"
             return RecordingText(text, short, tip, "fault", button)
         wrong = little or (health is not None and health.late)
         return RecordingText(text, f"{short}   {left}" if little else short, tip, "warning" if wrong else "", button)

@@ -73,7 +73,7 @@ class CalibrationOffer:
             stopped = snapshot.run_ended is not None and snapshot.run_ended.end is RunEnd.STOPPED
             cause = f"the run {'was stopped' if stopped else 'is finished'}, {count(read, 'plateau')} read"
             offer = ("Calibrate", self.take)
-            self._offer = notices.add(Severity.INFORMATION, cause, "Next: fit and look at it.", action=offer)
+            self._offer = notices.add(Severity.INFORMATION, cause, "Press Calibrate to fit the curve.", action=offer)
 
 
 class ResumeRun:

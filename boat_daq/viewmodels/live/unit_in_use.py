@@ -107,7 +107,7 @@ class UnitInUse:
     def regulator(self, snapshot: SessionSnapshot, step_mv: float) -> Regulator:
         """Return the regulator of the unit on the bench; `step_mv` is the signal of one count."""
         if self.held:
-            raise RequestError("the control is compiled once after an installation", "try again in some seconds")
+            raise RequestError("the control is being compiled, at the first start only", "Try again in some seconds.")
         fusion = self.conversion.fusion if self.conversion is not None else None
         units = self._units.of(simulated=snapshot.simulated)
         return regulator_of(units, self.name(snapshot), fusion=fusion, step_mv=step_mv)

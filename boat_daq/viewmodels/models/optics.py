@@ -625,7 +625,7 @@ class OpticsModel:
         when = f"in {number(s.seconds, 1)} s" if s.seconds else "(shipped with the program)"
         lines = [f"{number(s.simulated, 0)} simulations of {number(s.rays, 0)} rays {when}"]
         if s.paper >= 0:
-            lines.append(f"Rank of the paper's design: {s.rank_text or s.ranks[s.paper]}")
+            lines.append(f"Paper's rank: {s.rank_text or s.ranks[s.paper]}")
         if s.fans > 1:
             lines.append(f"{count(s.winners, 'design')} best in one of {s.fans} turns of the fan")
         return "\n".join([*lines, *(text for text in (s.error_text, s.power_text) if text)])
@@ -644,9 +644,9 @@ class OpticsModel:
         best = o.best.design
         end = _stopped(finished=o.finished) + race_line(o.race)
         return (
-            f"Optimised: {design_label(best.values, 2)}, {best.face} face   {number(o.gain, 2)} times the merit of "
-            f"the grid's best (P on power: {number(o.best.p, 2)} against {number(o.start.p, 2)}; powers of 250 rays "
-            f"within \u00b1{rounded(o.error, o.error)}, k = 2, {number(o.checked_rays, 0)} rays a fan){end}"
+            f"Optimised: {design_label(best.values, 2)}, {best.face} face: {number(o.gain, 2)} times the merit of the "
+            f"grid's best\nP on power {number(o.best.p, 2)} against {number(o.start.p, 2)}, within "
+            f"\u00b1{rounded(o.error, o.error)} of 250 rays (k = 2), {number(o.checked_rays, 0)} rays a fan{end}"
         )
 
     def show_optimum(self) -> None:

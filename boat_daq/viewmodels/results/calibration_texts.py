@@ -78,22 +78,20 @@ def missing(result: RunResult) -> NoCurve | None:
     if lack is Lack.CYCLES:
         return NoCurve(
             title,
-            "A curve needs at least one complete cycle, from the highest pressure to the lowest and back. Run the plan "
-            "to its end for a calibration; this recording is kept.",
+            "A cycle goes from the highest pressure to the lowest and back. Run the plan to its end.",
             NextStep.SHOW_PLAN,
         )
     if lack is Lack.PLATEAUS:
         return NoCurve(
             title,
-            "Its pressure is never constant, so that no elongation can be read in it. Its loops and the figures over "
-            "pressure are shown here; the changes from cycle to cycle are in the tab Repeatability.",
+            "No elongation can be read in it: its pressure is never constant. See its cycles in Repeatability.",
             NextStep.SHOW_REPEATABILITY,
         )
     least = f"A curve needs readings at {LEAST_ELONGATIONS} or more different elongations."
     if not result.stepped:
-        text = f"{least} Give them in a CSV file: pressure_kpa,elongation_mm, a row a plateau, in the order of the run."
+        text = f"{least} Choose a CSV file with pressure_kpa and elongation_mm, a row a plateau."
         return NoCurve(title, text, NextStep.CHOOSE_READINGS)
-    text = f"{least} Type them from your notes or paste a column of a spreadsheet; the curve is then fitted again."
+    text = f"{least} Type them, or paste a column of a spreadsheet."
     return NoCurve(title, text, NextStep.ENTER_READINGS)
 
 

@@ -27,8 +27,8 @@ LEAST_INTERVAL_S = 20.0  # so that the helper takes a small share of the process
 _WRITTEN_S = 0.5  # after the end of a run its last samples are in the file
 GROUPS = 12
 WARM_UP_FROM = 6  # cycles, so that warm-up can be distinguished
-HOW = "Choose the plan 'repeatability' and start it: this page is updated during the run. Or open a recording."
-NO_RUN = f"You will see the loops of every cycle, the drift of their ends, and hysteresis, sensitivity and SNR. {HOW}"
+HOW = "Start the plan 'repeatability', or open a recording of it."
+NO_RUN = f"{HOW} Its loops, drift and figures by cycle appear here."
 FIRST_RESULTS = "The first results come after two cycles"
 _NO_CYCLE = "A cycle goes from the highest pressure to the lowest and back."
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QAction, QKeySequence, QShortcut
@@ -13,6 +15,7 @@ from PySide6.QtWidgets import (
     QAbstractSpinBox,
     QApplication,
     QComboBox,
+    QDialog,
     QLabel,
     QLineEdit,
     QPlainTextEdit,
@@ -24,7 +27,13 @@ from PySide6.QtWidgets import (
 from boat_daq.gui import style
 from boat_daq.gui.palette import shown
 from boat_daq.viewmodels.common.services import PLACES, page_of
-from tests.boat_daq.gui.windows import shared_window
+from tests.boat_daq.gui.windows import run_command, shared_window
+
+PANELS = (
+    "Connect …", "Streams and remote control …", "Metadata …", "Describe a board …", "Read from a photograph …",
+    "Layout of the plots …", "Units of the values …", "Derived channels …", "Edit a plan of segments …",
+    "Find a command …",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -89,6 +98,20 @@ def test_every_widget_that_shows_or_takes_has_a_name(whole):
         and type(w).__name__ not in ("QScrollBar", "QHeaderView", "QComboBoxListView", "QListView")
     ]
     assert nameless == []
+
+
+def test_no_text_is_longer_than_a_line(whole):
+    """Of tooltips, labels and lists, in pages and panels: 120 characters are a line of a small window."""
+    for panel in PANELS:
+        run_command(whole, panel)
+    shown = {w.toolTip() for w in whole.findChildren(QWidget)}
+    shown |= {w.text() for kind in (QLabel, QAbstractButton) for w in whole.findChildren(kind)}
+    shown |= {w.placeholderText() for kind in (QLineEdit, QPlainTextEdit) for w in whole.findChildren(kind)}
+    shown |= {action.toolTip() for action in whole.findChildren(QAction)}
+    lines = {line for text in shown for line in re.sub("<br>|<p>", "\n", text).splitlines()}
+    for dialog in whole.findChildren(QDialog):
+        dialog.close()
+    assert [line for line in lines if len(re.sub("<[^>]*>", "", line)) > 120] == []
 
 
 def test_every_control_has_an_accessible_name(whole):

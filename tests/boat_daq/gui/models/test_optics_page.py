@@ -112,8 +112,8 @@ def test_search_starts_stops_and_reports_its_gain(page):
     found = Optimum(*winners, 2.0, 9, 1.0, 250, 2500, True, "power", 0.5, 9_000)
     FakeJob.made[-1].bring(found)
     update(page)
-    stated = "powers of 250 rays within \u00b10.50, k = 2, 2\u2009500 rays a fan"
-    gain = f"1.20 times the merit of the grid's best (P on power: 3.00 against 2.50; {stated})"
+    stated = "within \u00b10.50 of 250 rays (k = 2), 2\u2009500 rays a fan"
+    gain = f"1.20 times the merit of the grid's best\nP on power 3.00 against 2.50, {stated}"
     assert gain in page.outcome.text()
     page.show_button.click()
     assert FakeJob.made[-1].args == ((7, 1.234, 0.61, 0.55), NORMAL.rays, "default", "inner", "count")

@@ -25,6 +25,7 @@ from analysis.json_object import json_object
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import BoatDaqError
 from protocol.base.uncertainty import COVERAGE_FACTOR
+from protocol.base.units import Quantity, UnitText
 
 _POINTS = 101
 _MOST_NAMED = 3  # readings to be checked; the warnings name all
@@ -89,9 +90,9 @@ class Verdict:
     @property
     def check_text(self) -> str:
         """The readings to be checked, e.g. `1 reading to check: +10.00 mm at +10 kPa, 9.2 mm from the others`."""
-        named = "; ".join(one.text for one in self.readings[:_MOST_NAMED])
+        named = UnitText("; ").joined(one.text for one in self.readings[:_MOST_NAMED])
         more = f"; and {len(self.readings) - _MOST_NAMED} more" if len(self.readings) > _MOST_NAMED else ""
-        return f"{self.check_count}: {named}{more}" if self.readings else ""
+        return UnitText(f"{self.check_count}: ", named, more) if self.readings else ""
 
     @property
     def use(self) -> str:
@@ -101,19 +102,19 @@ class Verdict:
         if self.code in (VerdictCode.NO_CURVE, VerdictCode.TURNS):
             return f"Not a calibration: {self.reason}"
         low, high = self.range_mm
-        where = f"from {low:.1f} to {high:.1f} mm"
+        where = UnitText("from ", Quantity(low, "mm", ".1f", named=False), " to ", Quantity(high, "mm", ".1f"))
         if not math.isfinite(self.u_mm) and self.readings:
             return "U is not known yet"
         if not math.isfinite(self.u_mm):
-            return f"U is not known {where}: {self.reason}"
-        return f"U = {self.u_mm:.2g} mm (k = {COVERAGE_FACTOR:g}) {where}"
+            return UnitText("U is not known ", where, f": {self.reason}")
+        return UnitText("U = ", Quantity(self.u_mm, "mm", ".2g"), f" (k = {COVERAGE_FACTOR:g}) ", where)
 
     @property
     def headline(self) -> str:
         """What is known and what is to be done, e.g. `U = 0.13 mm (k = 2) from -2.5 to 4.0 mm; 1 reading to check`."""
         missed = "out of tolerance" if self.missed and not self.readings else ""
         parts = [part for part in (self.use, self.check_count, missed) if part]
-        return "; ".join(parts) if parts else _capital(self.limits_text)
+        return UnitText("; ").joined(parts) if parts else _capital(self.limits_text)
 
     @property
     def limits_text(self) -> str:

@@ -22,6 +22,7 @@ from analysis.calibration.curve_choice import USUAL_DEGREE
 from analysis.json_object import json_object
 from analysis.warning import Warning, WarningCode
 from protocol.base.arrays import BoolArray, FloatArray
+from protocol.base.units import Quantity, UnitText
 
 if TYPE_CHECKING:
     from analysis.figures.sensor_analysis import SegmentedRun
@@ -64,16 +65,13 @@ class CheckedReading:
         """The fault in words."""
         if self.fault is ReadingFault.ALONE:
             return "it alone determines the curve there"
-        return (
-            f"{abs(self.off_mm):.1f} mm from the others"
-            if abs(self.off_mm) >= 0.95
-            else (f"{abs(self.off_mm):.2f} mm from the others")
-        )
+        off = abs(self.off_mm)
+        return UnitText(Quantity(off, "mm", ".1f" if off >= 0.95 else ".2f"), " from the others")
 
     @property
     def text(self) -> str:
         """Reading, pressure and fault, e.g. `+10.00 mm at +10 kPa, 9.2 mm from the others`."""
-        return f"{self.mm:+.2f} mm at {round(self.kpa):+d} kPa, {self.why}"
+        return UnitText(Quantity(self.mm, "mm", "+.2f"), " at ", Quantity(self.kpa, "kPa", "+.0f"), ", ", self.why)
 
     @property
     def long_text(self) -> str:

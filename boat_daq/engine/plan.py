@@ -29,6 +29,7 @@ import tomli_w
 
 from boat_daq.engine.toml_values import BadValue, build, parse_toml, read_text
 from protocol.base.errors import ChoiceError, RequestError, one_of
+from protocol.base.units import Quantity, UnitText
 from protocol.recording import SEGMENT_KINDS, Segment
 
 KINDS = ("staircase", "continuous", "profile")
@@ -302,9 +303,9 @@ def _check(plan: Plan) -> None:
         raise BadValue(where, "min_kpa" if plan.min_kpa > 0 else "max_kpa", "excludes 0 kPa, a vented unit's pressure")
     _check_profile(plan, where)
     if plan.low_kpa < plan.min_kpa:
-        raise BadValue(where, "low_kpa", f"is below the plan's own limit of {plan.min_kpa:g} kPa")
+        raise BadValue(where, "low_kpa", UnitText("is below the plan's own limit of ", Quantity(plan.min_kpa, "kPa")))
     if plan.high_kpa > plan.max_kpa:
-        raise BadValue(where, "high_kpa", f"is above the plan's own limit of {plan.max_kpa:g} kPa")
+        raise BadValue(where, "high_kpa", UnitText("is above the plan's own limit of ", Quantity(plan.max_kpa, "kPa")))
     if plan.max_dwell_s < max(plan.min_dwell_s, plan.settling_s + plan.window_s):
         raise BadValue(where, "max_dwell_s", "is shorter than the shortest hold, or than settling_s + window_s")
     _check_staircase(plan, where)
@@ -324,8 +325,9 @@ def _check_profile(plan: Plan, where: str) -> None:
         _check_segment(segment, f"{where}, segment {number}")
     low, high = plan.extremes_kpa or (0.0, 0.0)
     if low < plan.min_kpa or high > plan.max_kpa:
-        limits = f"{plan.min_kpa:g} to {plan.max_kpa:g} kPa"
-        raise BadValue(where, "segments", f"lead to {low:g} to {high:g} kPa, beyond the plan's own limits, {limits}")
+        first, last, least, most = (Quantity(kpa, "kPa") for kpa in (low, high, plan.min_kpa, plan.max_kpa))
+        text = UnitText("lead to ", first, " to ", last, ", beyond the plan's own limits, ", least, " to ", most)
+        raise BadValue(where, "segments", text)
 
 
 def _check_segment(segment: Segment, where: str) -> None:
@@ -350,7 +352,8 @@ def _check_staircase(plan: Plan, where: str) -> None:
     """Refuse by key a staircase that does not meet both ends, or never ends."""
     steps = (plan.high_kpa - plan.low_kpa) / plan.step_kpa
     if plan.kind == "staircase" and (steps < 1 or abs(steps - round(steps)) > 1e-6):
-        raise BadValue(where, "step_kpa", f"must divide the span of {plan.high_kpa - plan.low_kpa:g} kPa evenly")
+        span = Quantity(plan.high_kpa - plan.low_kpa, "kPa")
+        raise BadValue(where, "step_kpa", UnitText("must divide the span of ", span, " evenly"))
     if plan.kind == "staircase" and plan.step_kpa <= 2 * plan.tolerance_kpa:
         raise BadValue(where, "step_kpa", "must be more than twice 'tolerance_kpa', to distinguish the plateaus")
     per_cycle = {"continuous": 2.0, "profile": _check_loops(plan, where)}.get(plan.kind, 2 * steps)

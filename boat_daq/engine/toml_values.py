@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
 from protocol.base.errors import RequestError
 from protocol.base.regular_file import read_regular
 from protocol.base.toml_text import read_toml
+from protocol.base.units import UnitText
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -28,7 +29,7 @@ class BadValue(RequestError):
     """A value that its key cannot have."""
 
     def __init__(self, where: str, key: str, why: str, remedy: str = "") -> None:
-        super().__init__(f"{where}: '{key:.60}' {why}", remedy)
+        super().__init__(UnitText(f"{where}: '{key:.60}' ", why), remedy)
         self.key, self.why = key, why
 
 

@@ -123,7 +123,8 @@ class AppModel:
         self._messages = SessionMessages(self.notices, self.snapshot)
 
     def _use_units(self, units: ShownUnits) -> None:
-        self.live.units = self.runs.shown_units = self.sequence.units = self.readings.units = units
+        self.live.units = self.runs.shown_units = self.sequence.units = self.readings.units = self.notices.units = units
+        self.calibration.show_units(units)
 
     def _use_fidelity(self, chosen: Fidelity) -> None:
         self.live.points_a_column = chosen.points_a_column

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 MINUS = "\u2212"
 NOTHING = "\u2013"  # in place of a value that is not known
@@ -199,6 +200,61 @@ def _exponent(text: str) -> str:
 
 def _power(text: str) -> int:
     return {"²": 2, "³": 3}.get(_exponent(text), 1)
+
+
+class Quantity(NamedTuple):
+    """A value in a stored unit, within a text; `form` is its format, `named` whether its unit follows it."""
+
+    value: float
+    unit: str
+    form: str = "g"
+    named: bool = True
+
+    def text(self, shown: Shown) -> str:
+        """Return it in the unit `shown`, with as many decimals as in the stored one, or four digits."""
+        form = self.form
+        if shown.symbol != self.unit and form.endswith("f"):
+            form = f"{form.partition('.')[0]}.{shown.decimals(int(form[:-1].partition('.')[2]))}f"
+        elif shown.symbol != self.unit and "." not in form:
+            form = f"{form[:-1]}.4g"
+        return f"{shown.value(self.value):{form}}{f' {as_text(shown.symbol)}' if self.named else ''}"
+
+
+class UnitText(str):
+    """A text with quantities: in stored units as a string, in those of a window by `shown`."""
+
+    __slots__ = ("pieces",)
+    pieces: tuple[str | Quantity, ...]
+
+    def __new__(cls, *pieces: str | Quantity) -> UnitText:
+        """Return the text of some pieces; those of another such text are taken over."""
+        flat = [part for piece in pieces for part in (piece.pieces if isinstance(piece, UnitText) else (piece,))]
+        made = super().__new__(cls, "".join(_piece(part, STORED_UNITS) for part in flat))
+        made.pieces = tuple(flat)
+        return made
+
+    @classmethod
+    def filled(cls, template: str, **pieces: str | Quantity) -> UnitText:
+        """Return a template with each `{name}` replaced by the piece of that name."""
+        parts = re.split(r"\{(\w+)\}", template)
+        return cls(*(pieces[part] if k % 2 else part for k, part in enumerate(parts)))
+
+    def __reduce__(self) -> tuple[type[UnitText], tuple[str | Quantity, ...]]:
+        """Keep the pieces in a pickle, as from a helper process."""
+        return UnitText, self.pieces
+
+    def joined(self, texts: Iterable[str]) -> UnitText:
+        """Return texts with this one between them."""
+        return UnitText(*[part for k, text in enumerate(texts) for part in ((self, text) if k else (text,))])
+
+
+def _piece(part: str | Quantity, units: ShownUnits) -> str:
+    return part.text(units.shown(part.unit)) if isinstance(part, Quantity) else part
+
+
+def in_shown_units(text: str, units: ShownUnits) -> str:
+    """Return a text with its quantities in `units`; any other text unchanged."""
+    return "".join(_piece(part, units) for part in text.pieces) if isinstance(text, UnitText) else text
 
 
 def as_text(symbol: str) -> str:

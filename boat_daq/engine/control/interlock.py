@@ -17,6 +17,7 @@ from boat_daq.engine.control.trips import Trip, trip_of_level
 from boat_daq.engine.sample_columns import Columns
 from boat_daq.engine.snapshot import Limits, MessageKind
 from protocol.base.errors import RequestError
+from protocol.base.units import Quantity, UnitText
 from protocol.link.messages import SetPressure
 from protocol.recording import BoardState, SampleFlag
 
@@ -44,7 +45,8 @@ class Interlock:
         if limits_kpa is not None:
             low, high = limits_kpa
             if not (math.isfinite(low) and math.isfinite(high) and low <= 0 <= high and low < high):
-                text = f"the {source}'s limits {low:g} .. {high:g} kPa are not usable"
+                ends = Quantity(low, "kPa", named=False), " to ", Quantity(high, "kPa")
+                text = UnitText(f"the {source}'s limits ", *ends, " are not usable")
                 raise RequestError(text, "give a range around 0 kPa, the lower limit first")
             self._limits[source] = limits_kpa
         self.limits = _tightest(self._limits)
@@ -60,20 +62,24 @@ class Interlock:
             raise RequestError("no pressure limits are known yet", "connect a board first")
         if not math.isfinite(target_kpa):
             raise RequestError(f"{target_kpa} is not a pressure")
+        asked, low, high = (Quantity(kpa, "kPa") for kpa in (target_kpa, limits.min_kpa, limits.max_kpa))
         if target_kpa > limits.max_kpa + 1e-9:
-            text = f"{target_kpa:g} kPa is above the {limits.max_source}'s limit of {limits.max_kpa:g} kPa"
+            text = UnitText(asked, f" is above the {limits.max_source}'s limit of ", high)
             raise RequestError(text, "choose a lower pressure")
         if target_kpa < limits.min_kpa - 1e-9:
-            text = f"{target_kpa:g} kPa is below the {limits.min_source}'s limit of {limits.min_kpa:g} kPa"
+            text = UnitText(asked, f" is below the {limits.min_source}'s limit of ", low)
             raise RequestError(text, "choose a higher pressure")
 
     def authorise(self, target_kpa: float, ramp_kpa_per_s: float) -> SetPressure:
         """Return the command for a pressure: no other function makes one."""
         if self.latched is not None:
-            raise RequestError(f"no pressure: {self.latched.cause}", self.latched.remedy or "clear the fault first")
+            raise RequestError(
+                UnitText("no pressure: ", self.latched.cause), self.latched.remedy or "clear the fault first"
+            )
         self.check(target_kpa)
         if not 0 < ramp_kpa_per_s < 1e5:
-            raise RequestError(f"a ramp of {ramp_kpa_per_s:g} kPa/s is not possible", "give a rate above 0")
+            text = UnitText("a ramp of ", Quantity(ramp_kpa_per_s, "kPa/s"), " is not possible")
+            raise RequestError(text, "give a rate above 0")
         return SetPressure(round(target_kpa * 1000), max(1, round(ramp_kpa_per_s * 1000)))
 
     # ---- levels ----------------------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from boat_daq.engine.control.interlock import Interlock
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.snapshot import MessageKind
 from protocol.base.errors import RequestError
+from protocol.base.units import Quantity, UnitText
 from protocol.link.messages import SetLimits
 
 ZERO_SAMPLES = 50
@@ -60,8 +61,8 @@ class Preflight:
         self._interlock.set_limits("board", (low_kpa, high_kpa) if usable else None)
         self._no_pressure = None
         if not usable and self._board.can_command:  # a board that takes no commands has no limits
-            limits = f"{low_kpa:g} to {high_kpa:g} kPa"
-            text = f"the board's own limits, {limits}, do not include 0 kPa, the pressure of a vented unit"
+            limits = (Quantity(low_kpa, "kPa", named=False), " to ", Quantity(high_kpa, "kPa"))
+            text = UnitText("the board's own limits, ", *limits, ", do not include 0, the pressure of a vented unit")
             self._no_pressure = (text, "check the board's firmware: without usable limits it is read only")
             self._board.note(MessageKind.LIMITS, text, "warning", self._no_pressure[1])
 
@@ -89,9 +90,14 @@ class Preflight:
             return Check("zero", "no pressure is known yet", "wait for samples")
         recent_kpa, tolerance_kpa = math.fsum(self.recent_kpa) / len(self.recent_kpa), self._zero_tolerance_kpa
         if not vented:
-            return Check("zero", f"the unit is under pressure ({recent_kpa:.1f} kPa)", "vent it first")
+            return Check(
+                "zero",
+                UnitText("the unit is under pressure (", Quantity(recent_kpa, "kPa", ".1f"), ")"),
+                "vent it first",
+            )
         if not abs(recent_kpa) <= tolerance_kpa:
-            text = f"the pressure reads {recent_kpa:.2f} kPa on a vented unit (tolerance {tolerance_kpa:g} kPa)"
+            reads, tolerance = Quantity(recent_kpa, "kPa", ".2f"), Quantity(tolerance_kpa, "kPa")
+            text = UnitText("the pressure reads ", reads, " on a vented unit (tolerance ", tolerance, ")")
             return Check("zero", text, "wait until it has vented, or check the zero of the sensor")
         return Check("zero")
 

@@ -28,6 +28,7 @@ from boat_daq.engine.plan import Plan, PlannedStep, StepMark
 from boat_daq.engine.sample_columns import Columns
 from boat_daq.engine.snapshot import MessageKind, Phase, Progress, ReadingRequest, RunEnding, SessionState
 from protocol.base.errors import RequestError
+from protocol.base.units import Quantity, UnitText
 from protocol.recording import RunEnd
 
 
@@ -327,7 +328,8 @@ class Sequencer:
             self._begin_cycle()
 
     def _timed_out(self, mark: StepMark) -> None:
-        text = f"{mark.target_kpa:g} kPa was not reached in time: {self._pressure_kpa:.1f} kPa"
+        asked, reached = Quantity(mark.target_kpa, "kPa"), Quantity(self._pressure_kpa, "kPa", ".1f")
+        text = UnitText(asked, " was not reached in time: ", reached)
         self._leave_cycle_out()
         self._watch = None
         remedy = "check for a leak, and that the pump runs; for a slow pump choose a slower ramp"
@@ -347,7 +349,8 @@ class Sequencer:
             self.state = SessionState.IDLE
         elif self._time_us - self.marks[-1].started_us > VENT_TIMEOUT_S * 1e6:
             self._mark_end("timeout")
-            text = f"the pressure does not fall: {self._pressure_kpa:.1f} kPa after the vent"
+            now = Quantity(self._pressure_kpa, "kPa", ".1f")
+            text = UnitText("the pressure does not fall: ", now, " after the vent")
             self._report(MessageKind.VENT_TIMEOUT, text, "error", "keep clear of the unit and open its valve manually")
             self.abort(text, SessionState.ABORTED)
 

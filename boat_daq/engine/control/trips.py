@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from boat_daq.engine.snapshot import MessageKind
+from protocol.base.units import Quantity, UnitText
 from protocol.link.messages import EventCode
 
 
@@ -28,23 +29,23 @@ _WORDING: dict[MessageKind, tuple[str, str]] = {  # cause and remedy
         "the board reports its pressure sensor as invalid",
         "check the sensor and its cable",
     ),
-    MessageKind.IMPLAUSIBLE: ("the pressure reads {pressure:.0f} kPa, which no unit reaches", "check the sensor"),
+    MessageKind.IMPLAUSIBLE: ("the pressure reads {pressure}, which no unit reaches", "check the sensor"),
     MessageKind.OVER_PRESSURE: (
-        "{pressure:.1f} kPa, more than {margin:g} kPa above the limit of {high:g} kPa",
+        "{pressure}, more than {margin} above the limit of {high}",
         "let it vent; check the supply and its valve",
     ),
     MessageKind.UNDER_PRESSURE: (
-        "{pressure:.1f} kPa, more than {margin:g} kPa below the limit of {low:g} kPa",
+        "{pressure}, more than {margin} below the limit of {low}",
         "let it vent; check the vacuum line and its valve",
     ),
     MessageKind.BOARD_FAULT: ("the board has latched a fault and vented", "find its cause, then clear the fault"),
     # an event of the board, with its value
-    MessageKind.BOARD_OVER_PRESSURE: ("the board vented: over-pressure, {value} Pa", "check supply and valve"),
-    MessageKind.BOARD_UNDER_PRESSURE: ("the board vented: under-pressure, {value} Pa", "check vacuum and valve"),
-    MessageKind.BOARD_HEARTBEAT_LOST: ("the board vented: nothing received for {value} ms", _LOWER_SPEED),
+    MessageKind.BOARD_OVER_PRESSURE: ("the board vented: over-pressure, {value}", "check supply and valve"),
+    MessageKind.BOARD_UNDER_PRESSURE: ("the board vented: under-pressure, {value}", "check vacuum and valve"),
+    MessageKind.BOARD_HEARTBEAT_LOST: ("the board vented: nothing received for {value}", _LOWER_SPEED),
     MessageKind.BOARD_ESTOP_PRESSED: ("the e-stop was pressed", _CLEAR_ESTOP),
     MessageKind.BOARD_TARGET_NOT_REACHED: (
-        "the board vented: target not reached, {value} Pa",
+        "the board vented: target not reached, {value}",
         "check for a leak, and that the pump runs",
     ),
 }
@@ -60,7 +61,10 @@ _EVENTS: dict[int, MessageKind] = {
 def trip_of_level(kind: MessageKind, pressure_kpa: float, time_us: int, **bounds_kpa: float) -> Trip:
     """Return the trip of a sample; `bounds_kpa` are `low`, `high` and `margin`."""
     cause, remedy = _WORDING[kind]
-    return Trip(kind, cause.format(pressure=pressure_kpa, **bounds_kpa), remedy, pressure_kpa, time_us)
+    named = {name: Quantity(kpa, "kPa") for name, kpa in bounds_kpa.items()}
+    form = ".0f" if kind is MessageKind.IMPLAUSIBLE else ".1f"
+    text = UnitText.filled(cause, pressure=Quantity(pressure_kpa, "kPa", form), **named)
+    return Trip(kind, text, remedy, pressure_kpa, time_us)
 
 
 def trip_of_event(code: EventCode | int, value: int) -> Trip | None:
@@ -69,4 +73,5 @@ def trip_of_event(code: EventCode | int, value: int) -> Trip | None:
     if kind is None:
         return None
     cause, remedy = _WORDING[kind]
-    return Trip(kind, cause.format(value=value), remedy, float(value))
+    unit = "ms" if kind is MessageKind.BOARD_HEARTBEAT_LOST else "Pa"
+    return Trip(kind, UnitText.filled(cause, value=Quantity(value, unit, ".0f")), remedy, float(value))

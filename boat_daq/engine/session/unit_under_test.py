@@ -9,6 +9,7 @@ from boat_daq.engine.session.journal import Journal
 from boat_daq.engine.settings import Unit, UnitLibrary
 from boat_daq.engine.snapshot import MessageKind, SessionState
 from protocol.base.errors import BoatDaqError, RequestError, StorageError
+from protocol.base.units import Quantity, UnitText
 
 _FREE = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT, SessionState.ARMED)
 
@@ -55,7 +56,8 @@ class UnitUnderTest:
             stored = self.library.load(name)
             with self._control.acting() as control:
                 if control.use_unit_limits((stored.min_kpa, stored.max_kpa)):
-                    text = f"the limits of unit {name} are now {stored.min_kpa:g} to {stored.max_kpa:g} kPa"
+                    low, high = Quantity(stored.min_kpa, "kPa", named=False), Quantity(stored.max_kpa, "kPa")
+                    text = UnitText(f"the limits of unit {name} are now ", low, " to ", high)
                     self._journal.tell(MessageKind.UNIT_LIMITS, "info", text, "arm the plan again where one was armed")
         except RequestError as error:
             with self._control.lock:

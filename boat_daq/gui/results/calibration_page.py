@@ -31,7 +31,6 @@ from boat_daq.viewmodels.results.calibration import (
     ACCEPT,
     ANYWAY,
     CURVE_CHOICES,
-    CURVE_HEADINGS,
     CalibrationModel,
 )
 from boat_daq.viewmodels.results.calibration_texts import NextStep, missing, warnings
@@ -371,7 +370,7 @@ class CalibrationPage(QWidget):
 
     def _curve_tab(self) -> QWidget:
         self.choice = controls.choice("Curve of the calibration", CURVE_CHOICES, self._choose_curve, tip=CHOICE_TIP)
-        self.candidates = DataTable("Curves compared", CURVE_HEADINGS, stretched=0, right=(2, 3))
+        self.candidates = DataTable("Curves compared", self.model.curve_headings(), stretched=0, right=(2, 3))
         self.candidates.explain(CURVE_TIPS)
         self.export = controls.button("Export calibration \u2026", self.ask_export, tip=EXPORT_TIP)
         attempt, name = self.services.notices.attempt, "Error of an exported table"
@@ -451,6 +450,7 @@ class CalibrationPage(QWidget):
         self.traced.setText(self.model.uncertainty_text())
         self._show_camera(result)
         curves = self.model.curve_rows()
+        self.candidates.setHorizontalHeaderLabels(self.model.curve_headings())
         self.candidates.fill([cells for cells, _ in curves], [tip for _, tip in curves])
         self._show_texts(result)
 

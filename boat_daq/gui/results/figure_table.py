@@ -15,7 +15,7 @@ from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.results.figure_tables import Cell
-from protocol.base.units import STORED_UNITS, ShownUnits, as_text
+from protocol.base.units import STORED_UNITS, ShownUnits, as_text, in_shown_units
 
 SIDE = style.PANE_WIDTH_WIDE + 10 * style.STEP
 """Width of the table beside the plots of a page."""
@@ -61,7 +61,8 @@ class TwoLines(QStyledItemDelegate):
 
 
 def shown_row(row: Sequence[Cell], units: ShownUnits) -> Sequence[Cell]:
-    """Return a row of figures in the chosen units: the unit begins the second line of its name."""
+    """Return a row of figures in the chosen units: the unit begins the second line of its name, or is in the cells."""
+    row = tuple((in_shown_units(text, units), in_shown_units(tip, units)) for text, tip in row)
     label, _, below = row[0][0].partition("\n")
     unit, comma, limit = below.partition(", ")
     shown = units.shown(unit)

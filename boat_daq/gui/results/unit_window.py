@@ -13,7 +13,7 @@ from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.viewmodels.common.services import Services
-from boat_daq.viewmodels.results.unit_over_time import HISTORY_HEADINGS, UnitOverTimeModel, unit_rows
+from boat_daq.viewmodels.results.unit_over_time import UnitOverTimeModel, history_headings, unit_rows
 from boat_daq.workflows.unit_history import UnitOverTime
 from protocol.base.arrays import FloatArray
 
@@ -66,7 +66,9 @@ class UnitWindow(QDialog):
             grid.addWidget(card, place // 2, place % 2)
         self.due = controls.label("Reading the calibrations \u2026", "subtitle", wrap=True, name="When it is due again")
         self.sensor = controls.choice("Sensor of the curves", (("Sensor 1", 0),), self._draw_curves)
-        self.table = DataTable("Calibrations of the unit", HISTORY_HEADINGS, stretched=FINDING, right=(2, 3, 4))
+        self.table = DataTable(
+            "Calibrations of the unit", history_headings(like.theme.units), stretched=FINDING, right=(2, 3, 4)
+        )
         self.save = controls.button("Report \u2026", self._report, tip="Save it as PDF or HTML")
         self.save.setEnabled(False)
         buttons = controls.row(controls.button("Close", self.close), None, self.save)
@@ -87,7 +89,7 @@ class UnitWindow(QDialog):
         self._shown = found
         self.due.setText(found.void or found.sentence)
         self.save.setEnabled(not found.void)
-        self.table.fill(unit_rows(found))
+        self.table.fill(unit_rows(found, self.theme.units))
         self.sensor.clear()
         for number in range(1, len(found.histories) + 1):
             self.sensor.addItem(f"Sensor {number}", number - 1)

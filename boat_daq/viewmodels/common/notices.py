@@ -19,6 +19,7 @@ from time import monotonic
 from boat_daq.engine.log import note_failure
 from boat_daq.engine.snapshot import LinkState, MessageKind, SessionSnapshot
 from protocol.base.errors import cause_and_remedy
+from protocol.base.units import STORED_UNITS, in_shown_units
 
 Offer = tuple[str, Callable[[], None]]
 """Label and function of a button."""
@@ -85,6 +86,7 @@ class Notices:
         self._clock = clock
         self.history: list[Notice] = []
         self._open: list[Notice] = []
+        self.units = STORED_UNITS  # in which they are shown
 
     def add(
         self,
@@ -98,6 +100,7 @@ class Notices:
         refusal: bool = False,
     ) -> Notice:
         """Add a notice; one with the same cause is replaced."""
+        cause = in_shown_units(cause, self.units)
         action_text, run = action or ("", None)
         time = datetime.now().astimezone().strftime("%H:%M:%S")
         notice = Notice(severity, cause, remedy, details, action_text, run, self._clock(), time, saved, refusal)

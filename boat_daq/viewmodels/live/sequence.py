@@ -27,7 +27,7 @@ from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import Change, UndoHistory
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import BoatDaqError, RequestError
-from protocol.base.units import MINUS, STORED_UNITS, ShownUnits, as_text
+from protocol.base.units import MINUS, STORED_UNITS, ShownUnits, as_text, in_shown_units
 from protocol.base.whole_file import write_whole
 from protocol.recording import BoardState, SampleFlag
 
@@ -260,7 +260,9 @@ class SequenceModel:
             try:
                 plan = replace(self.plan, **changed)
             except BadValue as error:
-                why = ". ".join(map(_in_terms_of_form, (f"'{error.key}' {error.why}", error.remedy))).strip()
+                why = ". ".join(
+                    map(_in_terms_of_form, (f"'{error.key}' {in_shown_units(error.why, self.units)}", error.remedy))
+                ).strip()
             else:
                 left = {k: v for k, v in self._typed.items() if k not in changed}
                 reasons = {k: why for k, why in self.refused.items() if k not in changed}

@@ -55,7 +55,7 @@ from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from boat_daq.workflows.run_files import export_calibration
 from boat_daq.workflows.unit_control import prepare_control
 from protocol.base.errors import BoatDaqError, RequestError
-from protocol.base.units import NOTHING
+from protocol.base.units import NOTHING, STORED_UNITS, Quantity, ShownUnits, UnitText, as_text, in_shown_units
 from protocol.recording.elongation_file import read_elongation_rows
 
 ACCEPT, ANYWAY = "Accept", "Accept anyway"
@@ -68,7 +68,6 @@ CURVE_CHOICES = (
     ("By cross-validation", AUTO),
 )
 """The curves that can be chosen, as texts with their names."""
-CURVE_HEADINGS = ("Curve", "Verdict", "U, \u00b5m", "Error, mV")
 
 
 class CalibrationModel:
@@ -92,6 +91,7 @@ class CalibrationModel:
         self.session, self.units, self.jobs = session, units, jobs
         self._services, self._newest, self._taken = services, newest, analysed
         self.fidelity: Fidelity = fidelity()  # of the next analyses and samples
+        self.shown_units = STORED_UNITS
         self.result: RunResult | None = None
         self.before: CalibrationRecord | None = None  # the unit's calibration in force when the run was analysed
         self.agreements: tuple[Agreement | None, ...] = ()
@@ -195,6 +195,16 @@ class CalibrationModel:
         if name != self.curve_shown:
             self._services.undo.push(Change("the choice of a curve", partial(fit, name), partial(fit, before)))
 
+    def show_units(self, units: ShownUnits) -> None:
+        """Show values in other units."""
+        self.shown_units = units
+        self.revision += 1
+
+    def curve_headings(self) -> tuple[str, ...]:
+        """Return the headings of the curves in a table."""
+        u, error = (as_text(self.shown_units.shown(unit).symbol) for unit in ("um", "mV"))
+        return "Curve", "Verdict", f"U, {u}", f"Error, {error}"
+
     def curve_rows(self) -> list[tuple[Cells, str]]:
         """Return each sensor's curves as (name, verdict, U, error of prediction), with its tooltip."""
         if self.result is None:
@@ -203,7 +213,7 @@ class CalibrationModel:
         for sensor, candidates in zip(self.result.sensors, self.result.candidates, strict=False):
             chosen = sensor.record.fit.get("curve", "")
             rows.append(((sensor.label, "", "", ""), ""))
-            rows += [curve_row(one, chosen=one.name == chosen) for one in candidates]
+            rows += [curve_row(one, self.shown_units, chosen=one.name == chosen) for one in candidates]
         return rows
 
     def follow_rename(self, old: Path, new: Path) -> None:
@@ -349,7 +359,8 @@ class CalibrationModel:
 
     def check_lines(self) -> tuple[str, ...]:
         """Return the readings to be checked, a sentence each."""
-        return tuple(f"Check {shown_text(one.text)}." for one in self.to_check())
+        texts = (in_shown_units(one.text, self.shown_units) for one in self.to_check())
+        return tuple(f"Check {shown_text(text)}." for text in texts)
 
     def leave_out_readings(self) -> None:
         """Withdraw the readings to be checked, undoably, and analyse the run again."""
@@ -378,11 +389,11 @@ class CalibrationModel:
         if self.result is None:
             return "", "Analysing \u2026" if self.working else ""
         found = self.result.verdict or RunVerdict()
-        headline = shown_text(found.headline)
+        headline = in_shown_units(found.headline, self.shown_units)
         if self.working:
-            return "", f"\u25cb {headline}"
-        state, text = verdict_text(found, found.headline)
-        return state, f"\u2713 Accepted: {headline}" if self.accepted is not None else text
+            return "", f"\u25cb {shown_text(headline)}"
+        state, text = verdict_text(found, headline)
+        return state, f"\u2713 Accepted: {shown_text(headline)}" if self.accepted is not None else text
 
     def detail(self) -> str:
         """Return the line under the verdict: what is still computed, where it is used, or the limits."""
@@ -423,11 +434,12 @@ class CalibrationModel:
                 lines.append(f"{sensor.label}: cannot be compared")
                 continue
             at = found.worst
-            x, apart, mm = (float(v[at]) for v in (found.grid, found.difference_mv, found.difference_mm))
+            x, apart = Quantity(found.grid[at], "mm", "+.1f"), Quantity(found.difference_mv[at], "mV", "+.1f")
+            size = UnitText(apart, " (", Quantity(abs(found.difference_mm[at]), "mm", ".2f"), ") at ", x)
             mark = {True: "\u25cf agrees", False: "\u25b2 differs", None: NOTHING}[found.agrees]
             lines.append(
                 f"{sensor.label}: {mark}, E\u2099 = {number(float(found.e_n[at]), 2, sign=True)}: "
-                f"{number(apart, 1, sign=True)} mV ({number(abs(mm), 2)} mm) at {number(x, 1, sign=True)} mm"
+                + shown_text(in_shown_units(size, self.shown_units))
             )
         return "\n".join(lines)
 
@@ -435,7 +447,7 @@ class CalibrationModel:
         """Return each coefficient as (name, this calibration, the previous one, E_n), with its tooltip."""
         sensors = self.result.sensors if self.result is not None else ()
         return [
-            coefficient_row(sensor.label, c)
+            coefficient_row(sensor.label, c, self.shown_units)
             for sensor, found in zip(sensors, self.agreements, strict=False)
             for c in (found.coefficients if found is not None else ())
         ]

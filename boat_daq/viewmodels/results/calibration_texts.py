@@ -15,7 +15,7 @@ from analysis.warning import WarningCode
 from boat_daq.formatting import SUBSCRIPT, SUPERSCRIPT, count, number, sensor_words
 from boat_daq.viewmodels.results.run_result import RunResult
 from boat_daq.workflows.acceptance import Lack, RunVerdict, lack_text, lacking
-from protocol.base.units import MINUS
+from protocol.base.units import MINUS, ShownUnits, as_text
 
 Cells = tuple[str, ...]
 LEAST_ELONGATIONS = 4  # of a cubic
@@ -101,28 +101,37 @@ def warnings(result: RunResult) -> tuple[str, ...]:
     return tuple(f"{sensor_words(w.subject)}: {w.text}" if w.subject else w.text for w in ordered)
 
 
-def curve_row(c: CurveCandidate, *, chosen: bool) -> tuple[Cells, str]:
+def curve_row(c: CurveCandidate, units: ShownUnits, *, chosen: bool) -> tuple[Cells, str]:
     name = "Spline" if c.name == SPLINE else f"Degree {c.name}"
     sign = {"adequate": "\u25cf", "doubtful": "\u25d0", "inadequate": "\u25b2"}.get(c.verdict, "")
     cells = (
         f"\u25b8 {name}" if chosen else name,
         f"{sign} {c.verdict}" if c.verdict else "not tested",
-        number(1000 * c.expanded_mm, 0),
-        number(c.prediction_rms_mv, 2),
+        _plain(units, "um", 1000 * c.expanded_mm, 0),
+        _plain(units, "mV", c.prediction_rms_mv, 2),
     )
     return cells, "\n".join(filter(None, (c.sentence, f"no U: {c.void}" if c.void else "")))
 
 
-def coefficient_row(label: str, c: Coefficient) -> tuple[Cells, str]:
+def _plain(units: ShownUnits, stored: str, value: float, decimals: int) -> str:
+    """Return a value as shown, without its unit, which is in the heading."""
+    shown = units.shown(stored)
+    return number(shown.value(value), shown.decimals(decimals))
+
+
+def coefficient_row(label: str, c: Coefficient, units: ShownUnits) -> tuple[Cells, str]:
+    signal, length = units.shown("mV"), units.shown("mm")
+    factor = signal.factor / length.factor**c.power
     cells = (
         f"{label}: b{str(c.power).translate(SUBSCRIPT)}",
-        measured(c.value, c.std_error),
-        measured(c.value_before, c.std_error_before),
+        measured(factor * c.value, factor * c.std_error),
+        measured(factor * c.value_before, factor * c.std_error_before),
         number(c.e_n, 2, sign=True),
     )
     power = "" if c.power == 1 else str(c.power).translate(SUPERSCRIPT)
+    unit = f"{signal.symbol}/{length.symbol}{power}" if c.power else signal.symbol
     tip = (
-        f"{label}: coefficient of x{power}, {f'mV/mm{power}' if c.power else 'mV'}, with its standard error; "
+        f"{label}: coefficient of x{power}, {as_text(unit)}, with its standard error; "
         "E\u2099 = difference / (2 \u00b7 root of the sum of their squares)"
     )
     return cells, tip

@@ -11,7 +11,7 @@ import numpy as np
 
 from analysis.figures.figure import SENSOR_FIGURES, Figure
 from boat_daq.formatting import number, sensor_words
-from protocol.base.units import NOTHING
+from protocol.base.units import NOTHING, Quantity, UnitText
 
 if TYPE_CHECKING:
     from analysis.conformity import Conformity
@@ -103,16 +103,16 @@ def _expanded_rows(found: Analysis) -> list[tuple[Cell, ...]]:
     """Return the expanded uncertainty of an elongation and whether it is traceable; none without a calibration."""
     if found.budgets is None or not found.budgets.budgets:
         return []
-    where, budgets = f"at {found.budgets.x_mm:+.2f} mm", found.budgets.budgets
-    expanded = [
-        ("not known", b.void) if b.void
-        else (f"\u00b1{1000 * b.expanded:.0f} \u00b5m", f"k = 2, {b.dof:.0f} degrees of freedom, {where}")
-        for b in budgets
-    ]  # fmt: skip
+    where, budgets = UnitText("at ", Quantity(found.budgets.x_mm, "mm", "+.2f")), found.budgets.budgets
+    expanded: list[Cell] = []
+    for b in budgets:
+        half = UnitText("\u00b1", Quantity(1000 * b.expanded, "um", ".0f"))
+        known = half, UnitText(f"k = 2, {b.dof:.0f} degrees of freedom, ", where)
+        expanded.append(("not known", b.void) if b.void else known)
     traced = [one for b in budgets if (one := b.traceability) is not None]
     reasons = [("yes" if one.traceable else "no", one.text) for one in traced]
     return [
-        (("Expanded uncertainty", f"of one reading of elongation, {where}"), *expanded),
+        (("Expanded uncertainty", UnitText("of one reading of elongation, ", where)), *expanded),
         (("Traceable", reasons[0][1] if reasons else ""), *reasons),
     ]
 
@@ -126,7 +126,7 @@ def _component_rows(found: Analysis) -> list[tuple[Cell, ...]]:
     for parts in zip(*(budget.components for budget in budgets), strict=True):
         cells = []
         for c, own in zip(parts, shares, strict=True):
-            text = f"{1000 * c.contribution:.1f} \u00b5m" if c.assessed else "not assessed"
+            text = UnitText(Quantity(1000 * c.contribution, "um", ".1f")) if c.assessed else "not assessed"
             share = f"{100 * own[c.name]:.0f} % of the variance; " if c.assessed else ""
             cells.append((text, f"{share}{c.source}"))
         rows.append(((parts[0].name.capitalize(), parts[0].source), *cells))

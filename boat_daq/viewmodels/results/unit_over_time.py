@@ -13,13 +13,18 @@ from boat_daq.formatting import number
 from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from boat_daq.workflows.unit_history import UnitOverTime, load_unit_over_time, report_unit
-from protocol.base.units import NOTHING
-
-HISTORY_HEADINGS = ("Accepted", "Sensor", "b\u2081 \u00b1 U, mV/mm", "U of x, \u00b5m", "E\u2099", "Finding")
+from protocol.base.units import NOTHING, STORED_UNITS, ShownUnits, as_text
 
 
-def unit_rows(found: UnitOverTime) -> list[tuple[str, ...]]:
-    """Return the calibrations as lines of a table, in the order of `HISTORY_HEADINGS`, the newest first."""
+def history_headings(units: ShownUnits) -> tuple[str, ...]:
+    """Return the headings of the calibrations of a unit."""
+    slope, u = (as_text(units.shown(unit).symbol) for unit in ("mV/mm", "um"))
+    return "Accepted", "Sensor", f"b\u2081 \u00b1 U, {slope}", f"U of x, {u}", "E\u2099", "Finding"
+
+
+def unit_rows(found: UnitOverTime, units: ShownUnits = STORED_UNITS) -> list[tuple[str, ...]]:
+    """Return the calibrations as lines of a table, in the order of `history_headings`, the newest first."""
+    slope, length = units.shown("mV/mm"), units.shown("um")
     rows = []
     for place, history in enumerate(found.histories, 1):
         for k, when in enumerate(history.when):
@@ -28,9 +33,10 @@ def unit_rows(found: UnitOverTime) -> list[tuple[str, ...]]:
             en = float(history.en[k])
             change = ["outside the control limits"] if k in history.out_of_control else []
             change += ["\u25b2 differs from the one before"] if abs(en) > 1 else []
-            stated = f"{number(float(b1), 2)} \u00b1 {number(2.0 * float(u), 2)}" if np.isfinite(b1) else NOTHING
-            micrometres = number(1000.0 * float(history.expanded_mm[k]), 0)
-            shown = (when[:16].replace("T", "  "), str(place), stated, micrometres, number(en, 2, sign=True))
+            ends = (number(slope.value(float(value)), slope.decimals(2)) for value in (b1, 2.0 * u))
+            stated = " \u00b1 ".join(ends) if np.isfinite(b1) else NOTHING
+            expanded = number(length.value(1000.0 * float(history.expanded_mm[k])), length.decimals(0))
+            shown = (when[:16].replace("T", "  "), str(place), stated, expanded, number(en, 2, sign=True))
             rows.append((*shown, ", ".join(change) or NOTHING))
     return sorted(rows, key=lambda row: row[0], reverse=True)
 

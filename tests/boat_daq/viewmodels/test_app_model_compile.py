@@ -39,7 +39,7 @@ def test_the_conversion_is_compiled_first_and_then_released(tmp_path, monkeypatc
     model.jobs.poll()
     assert started == [compile_conversion]
     assert model.unit.held
-    with pytest.raises(RequestError, match="compiled once"):
+    with pytest.raises(RequestError, match="being compiled"):
         model.unit.regulator(session.snapshot(), 1.0)
     job = model.jobs.get("conversion code")
     job.state, job.result = ended, missing

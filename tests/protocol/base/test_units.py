@@ -2,9 +2,20 @@
 
 from __future__ import annotations
 
+import pickle
+
 import pytest
 
-from protocol.base.units import KPA_PER_UNIT, conversion, find_unit, in_a_name
+from protocol.base.units import (
+    KPA_PER_UNIT,
+    Quantity,
+    ShownUnits,
+    UnitText,
+    conversion,
+    find_unit,
+    in_a_name,
+    in_shown_units,
+)
 from protocol.text.profile import PA_PER_UNIT
 
 PA = {"Pa": 1.0, "hPa": 100.0, "mbar": 100.0, "kPa": 1e3, "bar": 1e5, "psi": 6894.757293168}
@@ -67,3 +78,20 @@ def test_a_unit_ends_the_name_of_a_column() -> None:
     assert [in_a_name(unit) for unit in ("°C", "L/min", "%", "µV", "", "a.u.")] == [
         "degc", "l_per_min", "percent", "uv", "", "a_u",
     ]  # fmt: skip
+
+
+def test_text_with_quantities_is_shown_in_other_units() -> None:
+    """Truth: 52 kPa = 7.542 psi, 0.125 mm = 4.92 mil; as a string, and in a pickle, it has the stored units."""
+    text = UnitText(Quantity(52.0, "kPa"), " is above the plan's limit of ", Quantity(50.0, "kPa"))
+    assert text == "52 kPa is above the plan's limit of 50 kPa"
+    psi = ShownUnits.of("psi,in")
+    assert in_shown_units(text, psi) == "7.542 psi is above the plan's limit of 7.252 psi"
+    half = UnitText("\u00b1", Quantity(125.0, "um", ".0f"), " at ", Quantity(-2.5, "mm", "+.1f", named=False))
+    assert (half, in_shown_units(half, psi)) == ("\u00b1125 \u00b5m at -2.5", "\u00b10.0049 in at -0.10")
+    both = pickle.loads(pickle.dumps(UnitText("; ").joined([text, "no", half])))
+    assert in_shown_units(both, psi) == "; ".join([in_shown_units(text, psi), "no", in_shown_units(half, psi)])
+    assert (
+        in_shown_units(UnitText.filled("{kpa}: {why}", kpa=Quantity(10.0, "kPa", ".1f"), why="low"), psi)
+        == "1.45 psi: low"
+    )
+    assert in_shown_units("30 kPa", psi) == "30 kPa"

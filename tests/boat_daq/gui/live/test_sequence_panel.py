@@ -141,7 +141,7 @@ def test_end_of_a_run_offers_to_calibrate(make):
     session.add_reading(3, 2.0, "typed")
     session.change(state=SessionState.IDLE)
     window.refresh()
-    assert window.strip.text.text() == "The run is finished, 1 plateau read. Next: fit and look at it."
+    assert window.strip.text.text() == "The run is finished, 1 plateau read. Press Calibrate to fit the curve."
     window.strip.act.click()
     assert window.place == "Calibration"
     window.refresh()

@@ -66,6 +66,9 @@ def test_plan_target_and_limits_are_in_the_chosen_units(live):
     plan.ramp.setText("50 mbar/s")
     plan._set_pressure()
     assert commanded == [(20.0, 5.0)]
+    plan.fields["high_kpa"].setText("600")
+    plan.fields["high_kpa"].editingFinished.emit()
+    assert plan.refused.text() == "Highest is above the plan's own limit of 500 mbar."
 
 
 def test_invalid_plan_names_its_field(live):

@@ -13,13 +13,16 @@ import pytest
 from PySide6.QtWidgets import QApplication, QFileDialog
 
 from analysis.calibration.curve_choice import CURVES, CurveCandidate
+from analysis.calibration_export.verdict import Verdict, VerdictCode, VerdictState
 from boat_daq.engine.snapshot import LinkState
 from boat_daq.gui import main_window
 from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.viewmodels.results import calibration
 from boat_daq.viewmodels.results.figure_tables import FSO_KEY, HYSTERESIS_KEY, RunFigure
+from boat_daq.workflows.acceptance import RunVerdict
 from boat_daq.workflows.jobs import JobState
 from protocol.base.errors import RequestError
+from protocol.base.units import STORED_UNITS, ShownUnits
 from tests.boat_daq.gui.results.run_results import (
     out_of_tolerance_result,
     result_to_check,
@@ -127,6 +130,13 @@ def test_verdict_is_the_headline_and_a_reading_to_check_blocks_acceptance(live):
     live.refresh()
     assert page.verdict.text() == "\u25cf U = 0.13 mm (k = 2) from \u22122.7 to 3.8 mm"
     assert page.detail.text() == "All 8 published limits are kept."
+    known = Verdict(VerdictCode.USABLE, VerdictState.OK, u_mm=0.13, range_mm=(-2.7, 3.8))
+    model.show(dataclasses.replace(run_result(), verdict=RunVerdict("usable", "ok", known.headline)))
+    live.model.unit_choice.choose(ShownUnits.of("in"))
+    live.refresh()
+    assert page.verdict.text() == "\u25cf U = 0.0051 in (k = 2) from \u22120.11 to 0.15 in"
+    assert page.candidates.horizontalHeaderItem(2).text() == "U, in"
+    live.model.unit_choice.choose(STORED_UNITS)
     model.show(result_to_check())
     live.refresh()
     assert page.verdict.text().endswith("to 3.8 mm; 1 reading to check")

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from boat_daq.gui import style
 from boat_daq.gui.results.figure_table import FigureTable, shown_row
-from protocol.base.units import ShownUnits
+from protocol.base.units import Quantity, ShownUnits, UnitText
 
 SHOWN = ShownUnits.of("V,%")
 NOISE = (("Noise, rms\nmV, limit \u2264 2", "definition"), ("1\u2009501.50\n1.40 to 1.61", "n = 5"), ("\u2013", ""))
@@ -18,7 +18,9 @@ def test_a_row_is_converted_with_its_interval_and_limit():
     name, value, none = shown_row(NOISE, SHOWN)
     assert name == ("Noise, rms\nV, limit \u2264 0.002", "definition")
     assert (value, none) == (("1.50150\n0.00140 to 0.00161", "n = 5"), ("\u2013", ""))
-    assert shown_row(SHARE, SHOWN) is SHARE
+    assert shown_row(SHARE, SHOWN) == SHARE
+    half = UnitText("\u00b1", Quantity(150.0, "um", ".0f"))
+    assert shown_row((("U", ""), (half, "k = 2")), SHOWN)[1] == ("\u00b10.200 %", "k = 2")
 
 
 def test_another_choice_shows_the_same_figures(make):

@@ -17,10 +17,11 @@ from analysis.calibration.record import CalibrationRecord, SensorRecord
 from analysis.warning import Warning
 from boat_daq.engine.recording.closed_run import ClosedRun
 from boat_daq.engine.settings import StoredCalibration, UnitLibrary
+from boat_daq.engine.snapshot import Reading
 from boat_daq.formatting import count, sensor_words
 from boat_daq.workflows.calibration_in_force import record_of
 from boat_daq.workflows.run_analysis import analysed_run, count_plateaus
-from protocol.base.errors import RequestError
+from protocol.base.errors import BoatDaqError, RequestError
 from protocol.recording.elongation_file import CONFIRMED
 
 if TYPE_CHECKING:
@@ -188,8 +189,8 @@ def obstacle_to(run: RunCalibration | None) -> Obstacle | None:
     return None if run.sensors else Obstacle("The run has no sensor")
 
 
-def confirm_readings(run: RunCalibration, reason: str, *, reader: str = "") -> int:
-    """Keep the readings to be checked as they are, with the reason; return how many. They are analysed again after."""
+def confirm_readings(run: RunCalibration, reason: str, *, reader: str = "") -> tuple[Reading, ...]:
+    """Keep the readings to be checked as they are, with the reason; return them as they were before."""
     if not reason.strip():
         raise RequestError("a reading is confirmed with a reason", "Say how it was checked, such as 'read again'.")
     readings = run.verdict.readings if run.verdict is not None else ()
@@ -198,14 +199,17 @@ def confirm_readings(run: RunCalibration, reason: str, *, reader: str = "") -> i
         raise RequestError(f"the readings of {Path(run.path).name} are in a file", remedy)
     stored = ClosedRun(Path(run.path))
     latest = {reading.step_id: reading for reading in stored.readings()}
-    for one in readings:
-        assert one.step is not None
-        before = latest[one.step]
-        stored.add_reading(
-            one.step, before.elongation_mm, before.source, resolution_mm=before.resolution_mm, reader=reader,
-            note=f"{CONFIRMED}{reason.strip()}",
-        )  # fmt: skip
-    return len(readings)
+    before = tuple(latest[one.step] for one in readings if one.step is not None)
+    for one in before:
+        _keep(stored, replace(one, reader=reader, note=f"{CONFIRMED}{reason.strip()}"))
+    return before
+
+
+def _keep(stored: ClosedRun, one: Reading) -> None:
+    """Add a reading that is kept as it is, with its reader and note."""
+    stored.add_reading(
+        one.step_id, one.elongation_mm, one.source, resolution_mm=one.resolution_mm, reader=one.reader, note=one.note
+    )
 
 
 def change_readings(path: Path, values: Mapping[int, float | None]) -> dict[int, float | None]:
@@ -283,9 +287,9 @@ def accept_run(
     `elongation`: file of readings, in place of those of the recording; `confirm`: the reason with which the readings to
     be checked are kept.
     """
-    run = run_calibration(analysed_run(path, elongation=elongation), path)
-    if confirm and confirm_readings(run, confirm, reader=operator):
-        run = run_calibration(analysed_run(path), path)
+    run = read = run_calibration(analysed_run(path, elongation=elongation), path)
+    if confirm and run.verdict is not None:  # the reason is stored once nothing else prevents acceptance
+        run = replace(run, verdict=replace(run.verdict, readings=()))
     obstacle, missed = obstacle_to(run), missed_bounds(run)
     if obstacle is not None or not run.unit:
         cause = f"this calibration cannot be accepted: {obstacle.cause if obstacle else 'the recording names no unit'}"
@@ -298,4 +302,10 @@ def accept_run(
     if missed and not anyway:
         cause = f"this calibration is out of tolerance: {'. '.join(missed)}"
         raise RequestError(cause, "check its readings, or accept it as it is", command="add --anyway")
-    return accept(units.of(simulated=run.simulated), accepted_record(run), operator=operator)
+    before = confirm_readings(read, confirm, reader=operator) if confirm else ()
+    try:
+        return accept(units.of(simulated=run.simulated), accepted_record(run), operator=operator)
+    except BoatDaqError:
+        for one in before:  # a reading is never changed: the newer one has no reason
+            _keep(ClosedRun(path), one)
+        raise

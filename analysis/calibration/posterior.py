@@ -190,6 +190,15 @@ def sample_posterior(
     return _summary(target, sampler, burn, tau, max(KEPT_SAMPLES, samples))
 
 
+def sample_calibration(
+    calibration: Calibration, positions: npt.ArrayLike | None, branch: npt.ArrayLike | None, **options: Any
+) -> Posterior:
+    """Sample the posterior of a calibration by branch about its loop, as the joint fit does; see `sample_posterior`."""
+    joint, x = calibration.joint, calibration.x
+    loop = 0.0 if joint is None else 0.5 * np.asarray(branch, dtype=np.float64) * joint.loop_width(x)
+    return sample_posterior(x, calibration.y - loop, calibration.degree, positions=positions, **options)
+
+
 class _StudentMove(emcee.moves.RedBlueMove):  # type: ignore[misc]  # emcee comes without types
     """Propose from Student's t with the mean and covariance of the other half of the ensemble, whatever the place.
 

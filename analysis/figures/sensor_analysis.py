@@ -29,7 +29,7 @@ from analysis.calibration.joint_fit import (
     joint_fit,
     loop_is_represented,
 )
-from analysis.calibration.posterior import Posterior, sample_posterior
+from analysis.calibration.posterior import Posterior, sample_calibration
 from analysis.calibration.quantised_x import common_variance
 from analysis.calibration.type_b import TypeBContribution
 from analysis.data.recording import Recording
@@ -345,11 +345,9 @@ def _sampled(
     if not run.options.mcmc or calibration.spline is not None:
         return None
     fineness = fidelity(run.options.fidelity)
-    joint = calibration.joint
-    loop = 0.5 * run.branch_of(points) * joint.loop_width(calibration.x) if joint is not None else 0.0
-    return sample_posterior(
-        calibration.x, calibration.y - loop, calibration.degree, reading_sd=run.reading_sd_mm,
-        positions=run.position_of(points), monotone=run.options.monotone, seed=run.options.seed + sensor,
+    return sample_calibration(
+        calibration, run.position_of(points), run.branch_of(points), reading_sd=run.reading_sd_mm,
+        monotone=run.options.monotone, seed=run.options.seed + sensor,
         walkers=fineness.walkers, samples=run.options.posterior_samples or fineness.posterior_samples,
         progress=part_of(progress, 0, 4, 5),
     )  # fmt: skip

@@ -292,23 +292,26 @@ def sample_run(
     sensors: Sequence[SensorRecord], level: Level = "normal", *, progress: Progress | None = None
 ) -> tuple[CurveBands, ...]:
     """Return the posterior of each sensor's calibration, as bands on a grid."""
-    from analysis.calibration.posterior import sample_posterior
+    from analysis.calibration.posterior import sample_calibration
 
     results, fineness = [], fidelity(level)
     for i, sensor in enumerate(sensors):
-        x, y = sensor.elongation_mm, sensor.signal_mv
-        posterior = sample_posterior(
-            x, y, int(sensor.fit["degree"]), reading_sd=sensor.reading_sd_mm, positions=sensor.positions, seed=i,
-            walkers=fineness.walkers, samples=fineness.posterior_samples,
-            progress=part_of(progress, i, 1, len(sensors)),
+        x, y, fit = sensor.elongation_mm, sensor.signal_mv, sensor.calibration()
+        posterior = sample_calibration(
+            fit, sensor.positions, sensor.branches, reading_sd=sensor.reading_sd_mm, seed=i, walkers=fineness.walkers,
+            samples=fineness.posterior_samples, progress=part_of(progress, i, 1, len(sensors)),
         )  # fmt: skip
         error_percent = 100.0 * posterior.band_error() / posterior.calibration.full_scale
-        grid = np.linspace(min(x), max(x), GRID)
+        grid = np.linspace(*fit.x_range, GRID)
         mean = posterior.curves(grid).mean(axis=0)
-        bands = posterior.curve_band(grid, 0.68), posterior.curve_band(grid, 0.95)
+        bands: tuple[Band, ...] = (
+            posterior.curve_band(grid, 0.68), posterior.curve_band(grid, 0.95), posterior.new_reading_band(grid, 0.95),
+        )  # fmt: skip
+        if fit.deviation(grid).any():  # no draw of the curve knows of other curves
+            known = fit.band(grid, 0.68), fit.band(grid, 0.95), fit.band(grid, 0.95, new_reading=True)
+            bands = tuple((np.minimum(a[0], b[0]), np.maximum(a[1], b[1])) for a, b in zip(bands, known, strict=True))
         sampler = posterior.as_json() | {"band_error_percent_fso": error_percent}
-        residuals, new_reading = y - np.interp(x, grid, mean), posterior.new_reading_band(grid, 0.95)
-        results.append(CurveBands(grid, mean, residuals, *bands, sampler, new_reading))
+        results.append(CurveBands(grid, mean, y - np.interp(x, grid, mean), bands[0], bands[1], sampler, bands[2]))
     return tuple(results)
 
 

@@ -57,13 +57,20 @@ def test_first_result_has_the_same_curve():
     assert first.verdict.headline == result.verdict.headline
 
 
-def test_sampled_curve_lies_inside_its_bands(result):
-    """The residuals are about the mean of the posterior, near those of the fit; the widest band is a new reading's."""
+def test_sampled_curve_is_that_of_the_fit(result):
+    """One model, computed in two ways: equal curves and widths, without the loop; a suspect one keeps its misfit."""
     sensor = result.sensors[0]
-    (found,) = sample_run([dataclasses.replace(sensor.record, positions=None)], "draft")
+    bent = dataclasses.replace(sensor.record, signal_mv=1650.0 + 8.0 * np.round(sensor.y / 8.0 - 1650.0 / 8.0))
+    found, suspect = sample_run([sensor.record, bent], "draft")
+    fit = sensor.record.fit
+    assert found.sampler["coefficients"]["sd"] == pytest.approx(fit["std_errors_with_reading"], rel=0.2)
+    assert found.curve == pytest.approx(sensor.fit.curve, abs=0.05)
     assert 0.0 < found.sampler["band_error_percent_fso"] <= 1.0
     assert found.residuals == pytest.approx(sensor.y - np.interp(sensor.x, found.grid, found.curve))
-    assert found.residuals == pytest.approx(sensor.fit.residuals, abs=5.0)
+    known = bent.calibration()
+    assert known.deviation(suspect.grid).any()
+    inner = known.band(suspect.grid, 0.95)
+    assert np.all((suspect.band_95[0] <= inner[0]) & (inner[1] <= suspect.band_95[1]))
     bands = (found.new_reading_95, found.band_95, found.band_68, (found.curve, found.curve))
     for outer, inner in pairwise(bands):
         assert np.all((outer[0] <= inner[0]) & (inner[1] <= outer[1]))

@@ -88,6 +88,7 @@ class Inverse:
     reference: tuple[float, float] = (0.0, 0.0)
     calibration: Calibration | None = None
     u_void: str = ""
+    u_stand_in: str = ""
 
     @classmethod
     def of(
@@ -100,6 +101,7 @@ class Inverse:
         reading_sd: float = 0.0,
         type_b: tuple[TypeBContribution, ...] = (),
         u_void: str = "",
+        u_stand_in: str = "",
     ) -> Inverse:
         """Prepare the inverse. DataError: the curve turns inside its range, or is refused for its lack of fit.
 
@@ -123,7 +125,9 @@ class Inverse:
         half_division = calibration.reading.grid / 2.0 if calibration.reading is not None else 0.0
         nodes = signal_at(np.linspace(-1.0, 1.0, NODES), starts, powers)
         terms = reference_terms(type_b)
-        return cls(calibration.x_range, starts, powers, nodes, *parts, half_division, terms, calibration, u_void)
+        return cls(
+            calibration.x_range, starts, powers, nodes, *parts, half_division, terms, calibration, u_void, u_stand_in
+        )
 
     def __call__(self, signal: npt.ArrayLike, *, clamp: bool = False) -> FloatArray:
         """Return x for every signal, of any shape; NaN outside the range, or its end with `clamp`."""
@@ -249,6 +253,13 @@ class Fusion:
     def u_void(self) -> str:
         """Why U is not known: of no sensor; "" otherwise."""
         return self.inverses[0].u_void if all(inverse.u_void for inverse in self.inverses) else ""
+
+    @property
+    def u_stand_in(self) -> str:
+        """What U rests on besides the run, of the first sensor of which it does; "" where it rests on the run."""
+        return next(
+            (one.u_stand_in for one, used in zip(self.inverses, self.used, strict=True) if used and one.u_stand_in), ""
+        )
 
     @property
     def used(self) -> tuple[bool, ...]:

@@ -130,6 +130,7 @@ class SensorRecord:
         return Inverse.of(
             self.calibration(), noise_sd=self.noise_mv, model_sd=float(np.nan_to_num(self.between_cycles_mv)),
             half_loop=np.nan_to_num(self.half_loop_mv), type_b=contributions(self.type_b), u_void=self.u_reason,
+            u_stand_in=self.u_stand_in,
         )  # fmt: skip
 
 

@@ -43,6 +43,7 @@ def c_header(calibration: CalibrationFile, table_error_mm: float | None = None) 
         sensors=sensors,
         correlation=fusion.correlation.tolist(),
         used=fusion.used,
+        stand_in=int(bool(fusion.u_stand_in)),
         u_known=not fusion.u_void,
         reference=fusion.inverses[0].reference,
         table=single,

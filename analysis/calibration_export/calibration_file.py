@@ -206,7 +206,11 @@ def _parsed(content: Mapping[str, Any]) -> CalibrationFile:
     terms = _typed(content, "reference_u", dict)
     reference = (_number(terms, "constant_mm", least=0.0), _number(terms, "relative", least=0.0))
     inverses = tuple(
-        replace(_inverse(sensor.get("inverse"), sensor["name"], reference), u_void=str(sensor.get("u_reason") or ""))
+        replace(
+            _inverse(sensor.get("inverse"), sensor["name"], reference),
+            u_void=str(sensor.get("u_reason") or ""),
+            u_stand_in=str(sensor.get("u_stand_in") or ""),
+        )
         for sensor in sensors
     )
     correlation = _array(content, "correlation", (len(sensors), len(sensors)))

@@ -71,7 +71,8 @@ def other_unit(calibration: CalibrationFile, unit: str) -> tuple[str, ...]:
 def described(calibration: CalibrationFile) -> dict[str, Any]:
     """Return what a file of converted samples states of its calibration."""
     keys = ("simulated", "unit", "recording", "recording_id", "calibrated_utc", "traceability", "program_version")
-    return {key: calibration.head[key] for key in keys} | {"notes": list(calibration.remarks), "u_mm": "U, k = 2"}
+    stated = {"notes": list(calibration.remarks), "u_mm": "U, k = 2", "u_stand_in": calibration.reader().u_stand_in}
+    return {key: calibration.head[key] for key in keys} | stated
 
 
 def heading(calibration: CalibrationFile) -> list[str]:
@@ -85,7 +86,7 @@ def heading(calibration: CalibrationFile) -> list[str]:
 
 
 def converted_rows(time_s: FloatArray, signal_mv: FloatArray, converted: ConvertedElongation) -> pd.DataFrame:
-    """Return the rows of `convert`: time_s, s1_mv .., elongation_mm, u_mm, valid; `signal_mv` is [n, sensors]."""
+    """Return the rows of `convert`: time, signals [n, sensors], elongation, U, valid, and the mark of U."""
     names = {f"s{number + 1}_mv": column for number, column in enumerate(signal_mv.T)}
     columns = {"time_s": time_s, **names, "elongation_mm": converted.elongation_mm, "u_mm": converted.u_mm}
-    return pd.DataFrame(columns | {"valid": converted.valid.astype(np.uint8)})
+    return pd.DataFrame(columns | {"valid": converted.valid.astype(np.uint8)} | converted.marks)

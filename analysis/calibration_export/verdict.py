@@ -60,6 +60,7 @@ class Verdict:
     ----------
     reason : why there is no curve, or why U is not known.
     u_mm, range_mm : largest U (k = 2) over the range of elongation, NaN where it is not known.
+    u_stand_in : what U rests on besides the run; "" where it rests on the run.
     readings : those to be checked; `confirmed` those that were, each with its reason.
     limits : conformity with each limit and sensor; `limits_set` whether the user set them.
     missed : figures out of tolerance, a sentence for each sensor that has one.
@@ -70,6 +71,7 @@ class Verdict:
     reason: str = ""
     u_mm: float = math.nan
     range_mm: tuple[float, float] = (math.nan, math.nan)
+    u_stand_in: str = ""
     readings: tuple[CheckedReading, ...] = ()
     confirmed: tuple[CheckedReading, ...] = ()
     limits: tuple[LimitStatement, ...] = field(default=(), repr=False)
@@ -107,7 +109,8 @@ class Verdict:
             return "U is not known yet"
         if not math.isfinite(self.u_mm):
             return UnitText("U is not known ", where, f": {self.reason}")
-        return UnitText("U = ", Quantity(self.u_mm, "mm", ".2g"), f" (k = {COVERAGE_FACTOR:g}) ", where)
+        mark = ", with a stand-in" if self.u_stand_in else ""
+        return UnitText("U = ", Quantity(self.u_mm, "mm", ".2g"), f" (k = {COVERAGE_FACTOR:g}{mark}) ", where)
 
     @property
     def headline(self) -> str:
@@ -141,7 +144,9 @@ class Verdict:
 
     def as_json(self) -> dict[str, Any]:
         """Return `verdict` of `analyze --json`."""
-        found = json_object(self, "code", "state", "headline", "reason", "u_mm", "range_mm", "confirmed", "limits_set")
+        found = json_object(
+            self, "code", "state", "headline", "reason", "u_mm", "range_mm", "u_stand_in", "confirmed", "limits_set"
+        )
         return found | {
             "check": [one.as_json() for one in self.readings],
             "conformity": str(self.conformity),
@@ -163,7 +168,7 @@ def verdict_of(analysis: Analysis, limits: Mapping[str, float] | None = None) ->
         if (found := out_of_tolerance(sensor, analysis.reading_sd_mm))
     )
     readings = tuple(one for one in analysis.checked if not one.confirmed)
-    u_mm, range_mm, unknown = _largest_u(analysis)
+    u_mm, range_mm, unknown, stand_in = _largest_u(analysis)
     code, reason = _code_of(analysis, readings, unknown, missed=bool(missed))
     failed = worst_conformity(stated) is Conformity.FAIL and bool(limits)
     state = VerdictState.OK if code is VerdictCode.USABLE else VerdictState.CHECK
@@ -172,7 +177,7 @@ def verdict_of(analysis: Analysis, limits: Mapping[str, float] | None = None) ->
     elif limits and state is VerdictState.OK:
         state = _state_of(stated)
     confirmed = tuple(one for one in analysis.checked if one.confirmed)
-    return Verdict(code, state, reason, u_mm, range_mm, readings, confirmed, stated, bool(limits), missed)
+    return Verdict(code, state, reason, u_mm, range_mm, stand_in, readings, confirmed, stated, bool(limits), missed)
 
 
 def limit_statements(analysis: Analysis, limits: Mapping[str, float] | None = None) -> tuple[LimitStatement, ...]:
@@ -207,26 +212,27 @@ def _code_of(
     return VerdictCode.OUT_OF_TOLERANCE if missed else VerdictCode.USABLE, ""
 
 
-def _largest_u(analysis: Analysis) -> tuple[float, tuple[float, float], str]:
-    """Return the largest U over the range of the sensors together, mm, the range, and why U is not known."""
+def _largest_u(analysis: Analysis) -> tuple[float, tuple[float, float], str, str]:
+    """Return the largest U over the range of all sensors, mm, the range, why U is not known, and its stand-in."""
     fits = [sensor.calibration for sensor in analysis.sensors if sensor.calibration is not None]
     nothing = (math.nan, math.nan)
     if not fits:
-        return math.nan, nothing, ""
+        return math.nan, nothing, "", ""
     range_mm = max(fit.x_range[0] for fit in fits), min(fit.x_range[1] for fit in fits)
     try:
         fusion = elongation_reader(analysis)
     except BoatDaqError as error:
-        return math.nan, range_mm, error.cause
+        return math.nan, range_mm, error.cause, ""
     if fusion.u_void:
-        return math.nan, range_mm, fusion.u_void
+        return math.nan, range_mm, fusion.u_void, ""
     x = np.linspace(*range_mm, _POINTS)[1:-1]  # inside: the very ends round out of the range
     signals: FloatArray = np.column_stack([fit.predict(x) for fit in fits])
     u = np.asarray(fusion.evaluate(signals).standard_uncertainty_mm)
     known = u[np.isfinite(u)]
     if not known.size:
-        return math.nan, range_mm, next((why for why in analysis.u_reason if why), "the curve gives no elongation")
-    return COVERAGE_FACTOR * float(known.max()), range_mm, ""
+        why = next((why for why in analysis.u_reason if why), "the curve gives no elongation")
+        return math.nan, range_mm, why, ""
+    return COVERAGE_FACTOR * float(known.max()), range_mm, "", fusion.u_stand_in
 
 
 def _capital(text: str) -> str:

@@ -43,6 +43,11 @@ class ConvertedElongation:
     valid: BoolArray
     calibration: Mapping[str, Any]
 
+    @property
+    def marks(self) -> dict[str, int]:
+        """The column that marks U where it rests on a stated stand-in; none where it rests on the run."""
+        return {"u_stand_in": 1} if self.calibration.get("u_stand_in") else {}
+
 
 def samples_frame(
     recording: Recording, rows: slice | None = None, converted: ConvertedElongation | None = None
@@ -55,6 +60,7 @@ def samples_frame(
         where = rows or slice(None)
         frame["elongation_mm"], frame["u_mm"] = converted.elongation_mm[where], converted.u_mm[where]
         frame["elongation_valid"] = converted.valid[where].astype(np.uint8)
+        frame = frame.assign(**converted.marks)
     return frame
 
 
@@ -178,7 +184,7 @@ def _description_text(description: Mapping[str, Any], indent: int | None = None)
 
 
 def _unit(name: str) -> str:
-    if name in ("index", "state", "flags", "segment", "elongation_valid"):
+    if name in ("index", "state", "flags", "segment", "elongation_valid", "u_stand_in"):
         return "1"
     units = {"s": "s", "kpa": "kPa", "mv": "mV", "mm": "mm", "lit": "ADC counts", "dark": "ADC counts"}
     return units[name.rpartition("_")[2]]

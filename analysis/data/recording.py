@@ -65,6 +65,10 @@ class ElongationReader(Protocol):
     def evaluate(self, signal_mv: FloatArray) -> Any:
         """Return `elongation_mm` and `standard_uncertainty_mm`, [n]."""
 
+    @property
+    def u_stand_in(self) -> str:
+        """What U rests on besides the run; "" where it rests on the run."""
+
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Recording:
@@ -251,6 +255,7 @@ class Recording:
             columns |= {"elongation_mm": read.elongation_mm, "u_mm": 2.0 * read.standard_uncertainty_mm}
         found = pd.DataFrame(columns)
         found.attrs = {"simulated": self.simulated, "unit": self.unit, "units": self._units(found.columns)}
+        found.attrs |= {"u_stand_in": reader.u_stand_in} if reader is not None else {}
         return found
 
     def _units(self, names: Iterable[str]) -> dict[str, str]:

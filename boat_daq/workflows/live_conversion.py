@@ -42,12 +42,14 @@ class LiveElongation:
     """Elongation with its expanded uncertainty (k = 2), mm; NaN outside the calibrated range, U also where unknown.
 
     `beyond` marks values a little beyond its end, as `analysis.calibration.inverse` reads them; None marks none.
+    `stand_in` is what U rests on besides the run of the calibration; "" where it rests on the run.
     """
 
     mm: FloatArray
     expanded_mm: FloatArray
     disagree: NDArray[np.bool_]
     beyond: NDArray[np.bool_] | None = None
+    stand_in: str = ""
 
     def band(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return times, lower and upper edge where both are known; the band closes at both ends of a hole."""
@@ -68,6 +70,15 @@ class Conversion:
         self.fusion, self.prediction = fusion, prediction
 
     @property
+    def stand_in(self) -> str:
+        """What U rests on besides the run of the calibration; "" where it rests on the run."""
+        return self.fusion.u_stand_in
+
+    def named(self, calibration: str) -> str:
+        """Return the name of its calibration with a mark where U rests on a stand-in."""
+        return f"{calibration}, U with a stand-in" if self.stand_in else calibration
+
+    @property
     def sensors(self) -> int:
         """Number of sensors that are converted."""
         return len(self.fusion.inverses)
@@ -76,7 +87,7 @@ class Conversion:
         """Return the elongation of [n, sensors] signals, sensors fused."""
         found = self.fusion.evaluate(signal_mv)
         expanded = 2.0 * found.standard_uncertainty_mm
-        return LiveElongation(found.elongation_mm, expanded, found.disagreement, found.beyond)
+        return LiveElongation(found.elongation_mm, expanded, found.disagreement, found.beyond, self.stand_in)
 
     def each(self, signal_mv: FloatArray) -> FloatArray:
         """Return the elongation by each sensor, [n, sensors] mm; NaN farther beyond its range than is read."""
@@ -118,7 +129,7 @@ def conversion_in_force(session: Session, unit: str) -> tuple[Conversion | None,
     conversion = prepare(record)
     if seen.last is None or conversion.sensors != len(seen.last.signal_mv):
         return None, f"the calibration is of {conversion.sensors} sensors"
-    return conversion, f"{unit} {record.calibrated_utc}"
+    return conversion, conversion.named(f"{unit} {record.calibrated_utc}")
 
 
 def converted_samples(

@@ -66,12 +66,12 @@ def elongation_of(conversion: Callable[[], Conversion | None]) -> Elongation:
 
     import numpy as np
 
-    def elongation(signal_mv: tuple[float, ...]) -> tuple[float, float]:
+    def elongation(signal_mv: tuple[float, ...]) -> tuple[float, float, bool]:
         known = conversion()
         if known is None:
-            return float("nan"), float("nan")
+            return float("nan"), float("nan"), False
         found = known(np.array([signal_mv]))
-        return float(found.mm[0]), float(found.expanded_mm[0])
+        return float(found.mm[0]), float(found.expanded_mm[0]), bool(found.stand_in)
 
     return elongation
 

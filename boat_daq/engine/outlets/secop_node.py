@@ -95,11 +95,11 @@ class _Module:
     commands: Mapping[str, _Command] = field(default_factory=dict)
 
 
-Elongation = Callable[[tuple[float, ...]], tuple[float, float]]
+Elongation = Callable[[tuple[float, ...]], tuple[float, float, bool]]  # mm, U, whether U rests on a stand-in
 
 
 class SecopNode:
-    """The modules of one session. `elongation`: signals to elongation and its U, mm; None without a calibration."""
+    """The modules of one session. `elongation`: of signals, see `Elongation`; None without a calibration."""
 
     def __init__(
         self,
@@ -319,11 +319,16 @@ class SecopNode:
                 self._elongation(seen.last.signal_mv)[which] if known and self._elongation and seen.last else math.nan
             )
 
+        def stands_in(seen: SessionSnapshot) -> bool:
+            return bool(self._elongation and seen.last and self._elongation(seen.last.signal_mv)[2])
+
         parameters = self._readable("mm", read, "Elongation by the calibration; none without one or outside its range.")
         u = _Parameter(
             "Expanded uncertainty, k = 2.", {"type": "double", "unit": "mm"}, lambda seen: read(seen, 1), measured=True
         )
-        return _Module("Elongation of the actuator.", "Readable", parameters | {"_uncertainty": u})
+        mark = _Parameter("Whether the uncertainty rests on a stated stand-in.", {"type": "bool"}, stands_in)
+        more = {"_uncertainty": u, "_uncertainty_stand_in": mark}
+        return _Module("Elongation of the actuator.", "Readable", parameters | more)
 
     def _pressure(self, seen: SessionSnapshot) -> _Module:
         limits = seen.limits

@@ -384,6 +384,7 @@ class LiveModel:
         if self.inverse is not None:
             at = self.inverse(signals(means))
             means |= {"elongation_mm": float(at.mm[0]), "expanded_mm": float(at.expanded_mm[0])}
+            means |= {"stand_in": 1.0} if at.stand_in else {}
         return means
 
     def headline(self, snapshot: SessionSnapshot) -> Headline:
@@ -416,6 +417,8 @@ class LiveModel:
             return elongation, "\u25b2 disagree", "\u25b2 differ"
         if found.beyond is not None and found.beyond[0]:
             return elongation, f"{band} (end)", "\u25b2 end"
+        if found.stand_in:
+            return elongation, f"{band} stand-in", "\u25b2 stand-in"
         return elongation, f"{band} (k = 2)", band
 
     def place(self, which: str) -> float:
@@ -468,6 +471,8 @@ class LiveModel:
             result |= {"elongation_mm": found.mm, "elongation_expanded_mm": found.expanded_mm}
             if found.beyond is not None:
                 result["elongation_beyond"] = found.beyond.astype(np.float64)
+            if found.stand_in:
+                result["elongation_u_stand_in"] = np.ones(found.mm.size)
         return result
 
 

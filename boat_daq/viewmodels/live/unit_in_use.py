@@ -64,7 +64,8 @@ class UnitInUse:
     @property
     def calibration_id(self) -> str:
         """Name the calibration in force: unit and time; empty without one."""
-        return f"{self._followed[0]} {self._record.calibrated_utc}" if self._record is not None else ""
+        name = f"{self._followed[0]} {self._record.calibrated_utc}" if self._record is not None else ""
+        return name if self.conversion is None else self.conversion.named(name)
 
     def follow(self, snapshot: SessionSnapshot, revision: int) -> None:
         """Use the calibration in force of the unit on the bench, again whenever `revision` grows."""

@@ -13,11 +13,13 @@ from analysis import Options, Recording, analyse
 from analysis.calibration.record import CalibrationRecord, SensorRecord
 from analysis.calibration.type_b import ONE_CYCLE, contributions
 from analysis.calibration_export.calibration_file import CalibrationFile, read_calibration
-from analysis.calibration_export.conversion import convert_signals
+from analysis.calibration_export.conversion import convert_recording, convert_signals, converted_rows
 from analysis.calibration_export.forms import calibration_text
 from analysis.calibration_export.run_record import calibration_record
+from analysis.calibration_export.verdict import verdict_of
 from analysis.certificates.certificate import Request, certificate_of
 from analysis.certificates.laboratory import Laboratory
+from analysis.data.export import samples_frame
 from analysis.figures.pipeline import Analysis
 from analysis.figures.uncertainty import signal_parts
 from analysis.numbers import finite
@@ -229,6 +231,17 @@ def test_a_stated_stand_in_gives_u_and_is_named_wherever_it_is(
     file = CalibrationFile.of_run(analysis)
     for form in ("c", "matlab", "csv"):
         assert "stated stand-in" in calibration_text(file, form)
+    assert "#define BOAT_U_STAND_IN 1" in calibration_text(file, "c")
+    (tmp_path / "c.json").write_text(file.text(), encoding="utf-8")
+    assert {
+        one.u_stand_in for one in (record.fusion(), file.reader(), read_calibration(tmp_path / "c.json").reader())
+    } == {shown["u_reason"]}
+    converted = convert_recording(analysis.recording, file)
+    assert set(converted_rows(analysis.recording.time_s, analysis.recording.signal_mv, converted)["u_stand_in"]) == {1}
+    assert set(samples_frame(analysis.recording, slice(0, 9), converted)["u_stand_in"]) == {1}
+    verdict = verdict_of(analysis)
+    assert "(k = 2, with a stand-in)" in str(verdict.headline)
+    assert verdict.as_json()["u_stand_in"] == shown["u_reason"]
     made = certificate_of([analysis], Request(Laboratory("Lab"), "C", ("SA1",)))
     assert any("stated stand-in" in text for text in made.items[0].warnings)
     other = next(each for each in STATED if each != key)
@@ -242,6 +255,11 @@ def test_a_stand_in_that_is_not_needed_does_not_count(runs: dict[str, Analysis],
     assert analysis.budgets is not None
     assert analysis.budgets.budgets[0].u == plain.budgets.budgets[0].u
     assert analysis.u_reason == ("", "")
+    verdict = verdict_of(analysis)
+    assert (verdict.u_stand_in, "stand-in" in str(verdict.headline)) == ("", False)
+    assert "u_stand_in" not in samples_frame(
+        analysis.recording, slice(0, 9), convert_recording(analysis.recording, CalibrationFile.of_run(analysis))
+    )
     unused = [c.source for c in analysis.budgets.budgets[0].components if c.name.endswith(", stated")]
     assert unused == ["not used: the run shows it"] * 2
     assert calibration_record(analysis).sensors[0].type_b == {}

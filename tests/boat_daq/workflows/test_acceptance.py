@@ -30,6 +30,7 @@ from boat_daq.workflows.acceptance import (
     withdraw,
 )
 from boat_daq.workflows.live_conversion import prepare
+from boat_daq.workflows.outlets import elongation_of
 from protocol.base.errors import RequestError
 from tests.boat_daq.viewmodels.helpers import SAMPLE
 
@@ -73,6 +74,18 @@ def test_a_calibration_without_u_is_marked_where_it_is_accepted() -> None:
     assert np.isfinite(found.mm).all()
     assert np.isnan(found.expanded_mm).all()
     assert [edge.size for edge in found.band(np.array([0.0, 1.0]))] == [0, 0, 0]
+
+
+def test_u_with_a_stand_in_is_marked_live() -> None:
+    """In the value, the name of the calibration that streams carry, and the parameter of the SECoP node."""
+    stated = CalibrationRecord((replace(SENSOR.record, u_stand_in="U rests on a stand-in"),), simulated=False)
+    for record, mark in ((stated, "U rests on a stand-in"), (replace(stated, sensors=(SENSOR.record,)), "")):
+        conversion = prepare(record)
+        found = conversion(np.array([[1660.0]]))
+        assert (found.stand_in, conversion.named("SA1")) == (mark, "SA1, U with a stand-in" if mark else "SA1")
+        assert elongation_of(lambda conversion=conversion: conversion)((1660.0,)) == (
+            found.mm[0], found.expanded_mm[0], bool(mark),
+        )  # fmt: skip
 
 
 def test_acceptance_and_withdrawal_add_entries(tmp_path) -> None:

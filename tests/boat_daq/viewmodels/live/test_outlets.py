@@ -199,6 +199,6 @@ def test_one_sample_is_converted_as_a_block_is() -> None:
     in_force: list[Straight | None] = [Straight(), None]
     mm, u_mm = conversion_of(Straight())(np.array([[1732.0, 0.0]]))
     elongation = elongation_of(lambda: in_force[0])
-    assert elongation((1732.0, 0.0)) == (mm[0], u_mm[0]) == (2.0, 0.3)
+    assert elongation((1732.0, 0.0)) == (mm[0], u_mm[0], False) == (2.0, 0.3, False)
     in_force.pop(0)
-    assert all(math.isnan(value) for value in elongation((1732.0, 0.0)))
+    assert all(math.isnan(value) for value in elongation((1732.0, 0.0))[:2])

@@ -1,8 +1,9 @@
 """The one stored form of a calibration: the curves with their points, the uncertainty of a new signal, the origin.
 
 A run gives it (`analysis.calibration_export.run_record`); acceptance stores its JSON in the unit's file; live
-conversion, control, history, export and certificate read it. Lengths are in mm, signals in mV. The points are fitted
-again, so that curve, covariance and inverse are those accepted; older records lack branches, loop and ambient light.
+conversion, control, history, export and certificate read it. Lengths are in mm, signals in `signal_unit`. The points
+are fitted again, so that curve, covariance and inverse are those accepted; older records lack branches, loop and
+ambient light.
 """
 
 from __future__ import annotations
@@ -152,6 +153,7 @@ class CalibrationRecord:
     program_version: str = ""
     curve: str = ""
     cycles: int = 0
+    signal_unit: str = "mV"
     posterior: tuple[Mapping[str, Any], ...] = ()
     out_of_tolerance: tuple[str, ...] = ()
 
@@ -167,6 +169,7 @@ class CalibrationRecord:
             recording_id=str(content.get("recording_id") or ""),
             curve=str(content.get("curve") or ""),
             cycles=cycles,
+            signal_unit=str(content.get("signal_unit") or "mV"),
             posterior=tuple(content.get("posterior", ())),
             out_of_tolerance=tuple(content.get("poor", ())),
             **origin,
@@ -181,6 +184,7 @@ class CalibrationRecord:
                 "cycles": self.cycles,
                 "recording_id": self.recording_id,
                 "curve": self.curve,
+                **({"signal_unit": self.signal_unit} if self.signal_unit != "mV" else {}),
                 "posterior": [dict(one) for one in self.posterior],
                 "poor": list(self.out_of_tolerance),
             })

@@ -28,7 +28,7 @@ from protocol.base.errors import BoatDaqError, DataError, FileError
 from protocol.base.regular_file import read_regular
 from protocol.base.uncertainty import COVERAGE_FACTOR
 
-_FORMAT, _VERSION = "boat-daq calibration", 2  # 1 where every U is known: its readers know no other
+_FORMAT, _VERSION = "boat-daq calibration", 3  # 2 for signals in mV, 1 where every U is known too
 MOST_BYTES = 4_000_000
 MOST_SENSORS, MOST_PIECES, MOST_POWERS = 16, 64, 11
 _HEAD = (
@@ -52,6 +52,7 @@ class CalibrationFile:
     sensors: tuple[Mapping[str, Any], ...]
     fusion: Fusion | None
     void: str = ""
+    signal_unit: str = "mV"
 
     @classmethod
     def of(
@@ -80,10 +81,11 @@ class CalibrationFile:
         try:
             fusion = record.fusion()
         except BoatDaqError as error:
-            return cls(head, sensors, None, error.cause)
+            return cls(head, sensors, None, error.cause, record.signal_unit)
         if not all(np.isfinite(inverse.noise_mm + inverse.shared_mm).all() for inverse in fusion.inverses):
-            return cls(head, sensors, None, "the uncertainty of an elongation is not known over the whole range")
-        return cls(head, sensors, fusion)
+            void = "the uncertainty of an elongation is not known over the whole range"
+            return cls(head, sensors, None, void, record.signal_unit)
+        return cls(head, sensors, fusion, "", record.signal_unit)
 
     @classmethod
     def of_run(cls, analysis: Analysis) -> CalibrationFile:
@@ -124,12 +126,14 @@ class CalibrationFile:
         for number, sensor in enumerate(self.sensors):
             inverse = None if fusion is None else _inverse_json(fusion.inverses[number])
             sensors.append({**sensor, "inverse": inverse})
+        known = 2 if any(sensor.get("u_reason") for sensor in sensors) else 1
+        length = {"elongation": "mm", "noise_mm, shared_mm": "mm, standard uncertainty (k = 1)"}
         constant, relative = fusion.inverses[0].reference if fusion is not None else (0.0, 0.0)
         return {
             "format": _FORMAT,
-            "version": _VERSION if any(sensor.get("u_reason") for sensor in sensors) else 1,
+            "version": known if self.signal_unit == "mV" else _VERSION,
             **self.head,
-            "units": {"signal": "mV", "elongation": "mm", "noise_mm, shared_mm": "mm, standard uncertainty (k = 1)"},
+            "units": {"signal": self.signal_unit, **length},
             "coverage_factor": COVERAGE_FACTOR,
             "sensors": sensors,
             "correlation": None if fusion is None else fusion.correlation.tolist(),
@@ -201,8 +205,9 @@ def _parsed(content: Mapping[str, Any]) -> CalibrationFile:
             raise _DamageError(f"adequacy of sensor {number} is not an object")
         sensor["name"] = str(sensor.get("name") or f"s{number}")
     kept = tuple({key: value for key, value in sensor.items() if key != "inverse"} for sensor in sensors)
+    signal_unit = str((content.get("units") or {}).get("signal") or "mV")
     if void:
-        return CalibrationFile(head, kept, None, void)
+        return CalibrationFile(head, kept, None, void, signal_unit)
     terms = _typed(content, "reference_u", dict)
     reference = (_number(terms, "constant_mm", least=0.0), _number(terms, "relative", least=0.0))
     inverses = tuple(
@@ -216,7 +221,7 @@ def _parsed(content: Mapping[str, Any]) -> CalibrationFile:
     correlation = _array(content, "correlation", (len(sensors), len(sensors)))
     if np.abs(correlation).max() > 1.0 + 1e-9 or not np.allclose(correlation, correlation.T):
         raise _DamageError("correlation is no matrix of correlations")
-    return CalibrationFile(head, kept, Fusion(inverses, correlation))
+    return CalibrationFile(head, kept, Fusion(inverses, correlation), "", signal_unit)
 
 
 def _inverse(content: Any, name: str, reference: tuple[float, float]) -> Inverse:

@@ -21,6 +21,7 @@ from analysis.figures.sensor_analysis import Options
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError, RequestError
 from protocol.base.uncertainty import COVERAGE_FACTOR
+from protocol.base.units import in_a_name
 from protocol.recording import NOT_FOR_FIGURES, SampleFlag
 
 
@@ -36,19 +37,23 @@ def convert_signals(calibration: CalibrationFile, signal_mv: FloatArray, flags: 
 
 def convert_recording(recording: Recording, calibration: CalibrationFile) -> ConvertedElongation:
     """Return the elongation of every sample of a recording; raises as `check_signals` and `convert_signals`."""
-    check_signals(calibration, recording.n_sensors, simulated=recording.simulated)
+    check_signals(calibration, recording.n_sensors, recording.signal_unit, simulated=recording.simulated)
     return convert_signals(calibration, recording.signal_mv, recording.flags)
 
 
 def own_elongation(recording: Recording, options: Options, elongation: str | Path | None = None) -> ConvertedElongation:
     """Return the elongation of a calibration run's samples by its own calibration; readings from a CSV if given."""
-    if elongation is None and not len(recording.readings) and recording.camera is None:
+    measured = len(recording.readings) or recording.camera is not None or recording.meta.get("elongation_channel")
+    if elongation is None and not measured:
         raise DataError("no elongation was read in this run", "Give a calibration of its unit.")
     return convert_recording(recording, CalibrationFile.of_run(analyse(recording, elongation, options=options)))
 
 
-def check_signals(calibration: CalibrationFile, sensors: int, *, simulated: bool) -> None:
-    """Refuse a calibration for other signals. RequestError: virtual and real, or the numbers of sensors, differ."""
+def check_signals(calibration: CalibrationFile, sensors: int, unit: str = "mV", *, simulated: bool) -> None:
+    """Refuse a calibration for other signals. RequestError: virtual and real, numbers of sensors, or units differ."""
+    if calibration.signal_unit != unit:
+        cause = f"the signals are in {unit}, the calibration is for signals in {calibration.signal_unit}"
+        raise RequestError(cause, "Give a calibration for such signals.")
     if bool(calibration.head["simulated"]) is not simulated:
         kinds = ("a real board", "a virtual board")
         cause = f"signals of {kinds[simulated]} are not converted by a calibration of {kinds[not simulated]}"
@@ -85,8 +90,10 @@ def heading(calibration: CalibrationFile) -> list[str]:
     return [f"# {' '.join(line.replace(',', ';').split())}" for line in lines]
 
 
-def converted_rows(time_s: FloatArray, signal_mv: FloatArray, converted: ConvertedElongation) -> pd.DataFrame:
+def converted_rows(
+    time_s: FloatArray, signal_mv: FloatArray, converted: ConvertedElongation, unit: str = "mV"
+) -> pd.DataFrame:
     """Return the rows of `convert`: time, signals [n, sensors], elongation, U, valid, and the mark of U."""
-    names = {f"s{number + 1}_mv": column for number, column in enumerate(signal_mv.T)}
+    names = {f"s{number + 1}_{in_a_name(unit)}": column for number, column in enumerate(signal_mv.T)}
     columns = {"time_s": time_s, **names, "elongation_mm": converted.elongation_mm, "u_mm": converted.u_mm}
     return pd.DataFrame(columns | {"valid": converted.valid.astype(np.uint8)} | converted.marks)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from analysis.calibration_export.calibration_file import CalibrationFile
 from analysis.calibration_export.matlab import matlab_function
 from analysis.calibration_export.signal_table import USUAL_ERROR_MM, table_csv
 from protocol.base.errors import writing
+from protocol.base.units import in_a_name, in_signal_unit
 from protocol.base.whole_file import write_whole
 
 FORMS: Mapping[str, str] = {"json": ".json", "c": ".h", "matlab": ".m", "csv": ".csv"}
@@ -21,10 +23,15 @@ def calibration_text(calibration: CalibrationFile, form: str, table_error_mm: fl
     if form == "json":
         return calibration.text()
     if form == "matlab":
-        return matlab_function(calibration)
-    if form == "csv":
-        return table_csv(calibration, USUAL_ERROR_MM if table_error_mm is None else table_error_mm)
-    return c_header(calibration, table_error_mm)
+        text = matlab_function(calibration)
+    elif form == "csv":
+        text = table_csv(calibration, USUAL_ERROR_MM if table_error_mm is None else table_error_mm)
+    else:
+        text = c_header(calibration, table_error_mm)
+    unit = calibration.signal_unit
+    name = in_a_name(unit)
+    name = name if name not in ("", "mm") else "signal"  # mm is the elongation's
+    return in_signal_unit(re.sub(r"_mv(?![a-z])", f"_{name}", text), unit) if unit != "mV" else text
 
 
 def write_calibration(calibration: CalibrationFile, path: Path, form: str, table_error_mm: float | None = None) -> None:

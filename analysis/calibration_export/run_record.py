@@ -28,6 +28,7 @@ def calibration_record(analysis: AnalysedRun) -> CalibrationRecord:
         program_version=program_version(),
         curve=str(analysis.options.degree),
         cycles=analysis.loops.n_cycles,
+        signal_unit=recording.signal_unit,
     )
 
 

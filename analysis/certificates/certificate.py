@@ -15,6 +15,7 @@ from __future__ import annotations
 import datetime
 import hashlib
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -35,7 +36,7 @@ from analysis.figures.acceptance import LimitStatement, judge
 from analysis.figures.figure import SENSOR_FIGURES
 from analysis.figures.pipeline import Analysis
 from analysis.figures.uncertainty import BudgetOfSensor, signal_parts
-from analysis.history.unit_history import refuse_mixture
+from analysis.history.unit_history import one_signal_unit, refuse_mixture
 from analysis.json_object import json_object
 from analysis.numbers import finite
 from analysis.version import program_version
@@ -61,6 +62,7 @@ METHOD = (
 )
 
 ADJUSTMENT = "No adjustment or repair was made: the results apply to the item as found and as left."
+_SIGNAL_PLACES = 2  # of a signal in mV, whose full scale is some hundreds
 _FIGURES = ("sensitivity_mv_per_mm", "fso_mv", "sensor_hysteresis_percent_fso", "repeatability_percent_fso", "snr_db")
 
 
@@ -104,6 +106,7 @@ class CalibratedSensor:
     ----------
     figures : value by name, of `_FIGURES`.
     statements : conformity with the limits of the customer.
+    more_places : decimals of a signal in another unit than mV, less those of one in mV.
     as_found : the curve that was in force before against this one; None where there was none to compare.
     """
 
@@ -114,6 +117,12 @@ class CalibratedSensor:
     figures: Mapping[str, float] = field(default_factory=dict)
     statements: tuple[LimitStatement, ...] = ()
     as_found: Agreement | None = None
+    more_places: int = 0
+
+    def places(self, key: str = "") -> int:
+        """Return the decimals of a figure, or of a signal."""
+        places = SENSOR_FIGURES[key].decimals if key else _SIGNAL_PLACES
+        return max(0, places + self.more_places) if "_mv" in key or not key else places
 
     @property
     def inadequate(self) -> bool:
@@ -162,6 +171,7 @@ class CalibratedItem:
     type_b: tuple[TypeBContribution, ...]
     warnings: tuple[str, ...]
     previous: str = ""
+    signal_unit: str = "mV"
 
     @property
     def traceability(self) -> Traceability:
@@ -178,7 +188,7 @@ class CalibratedItem:
         run = ("recording=recording_id", "calibrated_from=begun", "calibrated_to=ended", "board")
         traced = ("traceable=traceability.traceable", "traceability=traceability.text")
         return {
-            **json_object(self, "item=name", "unit", "metadata", *run, *traced),
+            **json_object(self, "item=name", "unit", "signal_unit", "metadata", *run, *traced),
             "standards": {one.name: one.statement for one in self.type_b},
             "not_assessed": list(self.not_assessed),
             "previous": self.previous or None,
@@ -275,6 +285,7 @@ def certificate_of(analyses: Sequence[Analysis], request: Request) -> Certificat
     if not analyses:
         raise RequestError("there is no run to certify", "Give the recording of a calibration.")
     refuse_mixture(analysis.recording.simulated for analysis in analyses)
+    one_signal_unit(analysis.recording.signal_unit for analysis in analyses)
     simulated = analyses[0].recording.simulated
     needed = missing(analyses, request)
     if needed and not simulated:
@@ -311,6 +322,7 @@ def _item(
     if not (name or stated.serial_number):
         cause = f"{recording.source or 'the run'} names no unit, so the item has no identity"
         raise DataError(cause, "State the item.", command="--item TEXT")
+    previous = previous if previous is not None and previous.signal_unit == recording.signal_unit else None
     before = previous.sensors if previous is not None else ()
     sensors = [
         _sensor(analysis, index, before[index].fit if index < len(before) else {}, limits)
@@ -353,6 +365,7 @@ def _item(
             ),
         ),
         previous=previous.calibrated_utc if previous is not None else "",
+        signal_unit=recording.signal_unit,
     )
 
 
@@ -374,8 +387,12 @@ def _sensor(analysis: Analysis, index: int, before: Mapping[str, Any], limits: M
         except (BoatDaqError, KeyError):
             found = None  # another range or a spline: nothing to compare
     values = {key: sensor.figures[key].value for key in _FIGURES if key in sensor.figures}
+    fso, more = sensor.figures["fso_mv"].value, 0
+    if analysis.recording.signal_unit != "mV" and fso > 0:
+        more = 2 - math.floor(math.log10(fso))
+    statements = tuple(judge([sensor], limits))
     return CalibratedSensor(
-        sensor.name, "", calibration, _levels(analysis, index), values, tuple(judge([sensor], limits)), found
+        sensor.name, "", calibration, _levels(analysis, index), values, statements, found, more_places=more
     )
 
 

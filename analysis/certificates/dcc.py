@@ -40,14 +40,25 @@ from analysis.figures.figure import SENSOR_FIGURES
 from analysis.numbers import decimals_for
 from analysis.version import program_version
 from protocol.base.arrays import FloatArray
+from protocol.base.errors import RequestError
 from protocol.base.uncertainty import COVERAGE_FACTOR
+from protocol.base.units import find_unit, in_signal_unit
 
 _SCHEMA_VERSION = "3.2.1"
 DCC, _SI, XSI = "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance"
 MIME_TYPE = "application/xml"
 _CURVE_POINTS = 41  # of a spline, which has no coefficients
-MM, MV, KPA, _ONE = r"\milli\metre", r"\milli\volt", r"\kilo\pascal", r"\one"
-_UNITS = {"mV/mm": rf"{MV}\per{MM}", "mV": MV, "% FSO": r"\percent", "dB": r"\decibel"}
+MM, KPA, _ONE = r"\milli\metre", r"\kilo\pascal", r"\one"
+_UNITS = {"% FSO": r"\percent", "dB": r"\decibel"}
+_PREFIXES = {
+    "G": r"\giga", "M": r"\mega", "k": r"\kilo", "c": r"\centi", "m": r"\milli", "u": r"\micro", "n": r"\nano",
+    "p": r"\pico",
+}  # fmt: skip
+_BASES = {
+    "V": r"\volt", "A": r"\ampere", "N": r"\newton", "ohm": r"\ohm", "F": r"\farad", "m": r"\metre", "Pa": r"\pascal",
+    "bar": r"\bar", "Hz": r"\hertz", "g": r"\gram", "W": r"\watt", "K": r"\kelvin", "lx": r"\lux", "J": r"\joule",
+    "T": r"\tesla", "%": r"\percent", "degC": r"\degreecelsius", "deg": r"\degree",
+}  # fmt: skip
 _CONFORMITY = {
     Conformity.PASS: "pass",
     Conformity.FAIL: "fail",
@@ -74,6 +85,16 @@ def dcc_xml(certificate: Certificate) -> str:
         _add(_add(root, "comment"), "simulated", mark)
     ET.indent(root, " ")
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def si_unit(symbol: str) -> str:
+    """Return a unit as D-SI writes it, counts as a number. RequestError: D-SI has no such unit."""
+    if find_unit(symbol) is None:
+        return _ONE
+    for prefix, name in (("", symbol), (symbol[:1], symbol[1:])):
+        if name in _BASES and prefix in ("", *_PREFIXES):
+            return _PREFIXES.get(prefix, "") + _BASES[name]
+    raise RequestError(f"a certificate has no signals in {symbol}", "Import them with a scale to an SI unit.")
 
 
 def _add(parent: ET.Element, name: str, text: str | None = None, *, space: str = DCC, **attributes: str) -> ET.Element:
@@ -221,7 +242,7 @@ def _measurement(parent: ET.Element, certificate: Certificate, item: CalibratedI
     _conditions(parent, item)
     results = _add(parent, "results")
     for sensor in item.sensors:
-        _sensor(results, sensor, f"{mark}{item.name}, {sensor.name}")
+        _sensor(results, sensor, f"{mark}{item.name}, {sensor.name}", item.signal_unit)
 
 
 def _conditions(parent: ET.Element, item: CalibratedItem) -> None:
@@ -239,41 +260,48 @@ def _conditions(parent: ET.Element, item: CalibratedItem) -> None:
             _real(_add(one, "data"), name, value, unit)
 
 
-def _sensor(results: ET.Element, sensor: CalibratedSensor, name: str) -> None:
+def _sensor(results: ET.Element, sensor: CalibratedSensor, name: str, symbol: str) -> None:
     if sensor.calibration is None:
         void = _add(results, "result")
         _name(void, f"{name}: no result")
         _name(_add(void, "data"), f"No result: {sensor.void}.", "text")
         return
+    unit = si_unit(symbol)
     levels = _add(results, "result", refType="gp_measuringResult1")
     _name(levels, f"{name}: levels")
     data = _add(levels, "data")
     for number, branch in enumerate(dict.fromkeys(level.branch for level in sensor.levels), 1):
         table = _add(data, "list", refType=f"gp_table{number}")
         _name(table, branch)
-        _levels(table, [level for level in sensor.levels if level.branch == branch])
+        _levels(table, [level for level in sensor.levels if level.branch == branch], unit, sensor.places())
     function = _add(results, "result")
     _name(function, f"{name}: calibration function")
-    _function(_add(function, "data"), sensor.calibration)
+    _function(_add(function, "data"), sensor.calibration, unit, sensor.places())
     if sensor.figures:
         figures = _add(results, "result")
         _name(figures, f"{name}: figures")
         data = _add(figures, "data")
         for key, value in sensor.figures.items():
             if math.isfinite(value):
-                definition = SENSOR_FIGURES[key]
-                _real(data, figure_label(key), round(value, definition.decimals), _UNITS[definition.unit])
+                label, of_figure = in_signal_unit(figure_label(key), symbol), _figure_unit(key, unit)
+                _real(data, label, round(value, sensor.places(key)), of_figure)
     if sensor.statements:
-        _conformity(_add(results, "result"), sensor, name)
+        _conformity(_add(results, "result"), sensor, name, unit)
 
 
-def _levels(table: ET.Element, levels: Sequence[Level]) -> None:
+def _figure_unit(key: str, signal: str) -> str:
+    """Return the unit of a figure of a signal in a unit of D-SI."""
+    stated = SENSOR_FIGURES[key].unit
+    return _UNITS.get(stated) or stated.replace("mV", signal).replace("/mm", rf"\per{MM}")
+
+
+def _levels(table: ET.Element, levels: Sequence[Level], unit: str, decimals: int) -> None:
     """Add the levels of one branch; where the curve gives no elongation for a signal, there is none for any."""
     places = [decimals_for(one.expanded_mm) for one in levels]
     _list(table, "Pressure", _places([one.pressure_kpa for one in levels], 2), KPA)
     elongation = [round(one.elongation_mm, place) for one, place in zip(levels, places, strict=True)]
     _list(table, "Elongation", elongation, MM, ref_type="basic_referenceValue")
-    _list(table, "Signal", _places([one.signal_mv for one in levels], 2), MV)
+    _list(table, "Signal", _places([one.signal_mv for one in levels], decimals), unit)
     indicated = [round(one.indicated_mm, place) for one, place in zip(levels, places, strict=True)]
     if np.isfinite(indicated).all():
         _list(table, "Indicated elongation", indicated, MM, ref_type="basic_measuredValue")
@@ -283,18 +311,18 @@ def _levels(table: ET.Element, levels: Sequence[Level]) -> None:
         _list(table, "Deviation", deviation, MM, expanded, ref_type="basic_measurementError")
 
 
-def _function(data: ET.Element, calibration: Calibration) -> None:
+def _function(data: ET.Element, calibration: Calibration, unit: str, decimals: int) -> None:
     low, high = calibration.x_range
     _list(data, "Range", _places([low, high], 3), MM)
     if calibration.spline is not None:
         _name(data, "A monotone cubic spline; points of it.", "text")
         x = np.linspace(low, high, _CURVE_POINTS)
         _list(data, "Elongation", _places(x, 4), MM)
-        _list(data, "Signal", _places(calibration.predict(x), 2), MV)
+        _list(data, "Signal", _places(calibration.predict(x), decimals), unit)
         return
     terms = "+".join(f"b_{k} x^{k}" for k in range(calibration.degree + 1))
     _add(_add(data, "formula"), "latex", f"y = {terms}")
-    units = [_per_mm(1, k) for k in range(calibration.degree + 1)]
+    units = [_per_mm(unit, 1, k) for k in range(calibration.degree + 1)]
     u = calibration.std_errors_with_reading
     places = [decimals_for(float(one)) for one in u]
     # two digits more than a result has (GUM 7.2.6): elongations are computed from them
@@ -303,7 +331,7 @@ def _function(data: ET.Element, calibration: Calibration) -> None:
     _list(data, "Standard uncertainties of the coefficients", list(map(_two_digits, u)), units)
     for k, row in enumerate(calibration.covariance_with_reading):
         values = [float(f"{one:.5e}") for one in row]
-        _list(data, f"Covariance of b{k}", values, [_per_mm(2, k + j) for j in range(row.size)])
+        _list(data, f"Covariance of b{k}", values, [_per_mm(unit, 2, k + j) for j in range(row.size)])
 
 
 def _places(values: Sequence[float] | FloatArray, places: int) -> list[float]:
@@ -314,19 +342,21 @@ def _two_digits(u: float) -> float:
     return float(f"{u:.1e}")
 
 
-def _per_mm(power: int, of_x: int) -> str:
-    signal = MV if power == 1 else rf"{MV}\tothe{{{power}}}"
-    return signal if of_x == 0 else rf"{signal}{MM}\tothe{{-{of_x}}}"
+def _per_mm(unit: str, power: int, of_x: int) -> str:
+    signal = unit if power == 1 or unit == _ONE else rf"{unit}\tothe{{{power}}}"
+    if of_x == 0:
+        return signal
+    return rf"{'' if unit == _ONE else signal}{MM}\tothe{{-{of_x}}}"
 
 
-def _conformity(result: ET.Element, sensor: CalibratedSensor, name: str) -> None:
+def _conformity(result: ET.Element, sensor: CalibratedSensor, name: str, signal: str) -> None:
     _name(result, f"{name}: conformity with the limits of the customer")
     data = _add(result, "data")
     for one in sensor.statements:
         if not math.isfinite(one.figure.value):
             _name(data, f"{one.name}: undetermined", "text")
             continue
-        label, unit = figure_label(one.tolerance.key), _UNITS[one.figure.unit]
+        label, unit = figure_label(one.tolerance.key), _figure_unit(one.tolerance.key, signal)
         quantity = _real(data, label, round(one.figure.value, decimals_for(one.figure.uncertainty)), unit)
         meta = _add(_add(quantity, "measurementMetaData"), "metaData", refType="basic_conformity")
         _name(meta, f"{RULE}; limit {one.tolerance.symbol} {one.tolerance.limit:g} {one.figure.unit}", "declaration")

@@ -43,9 +43,10 @@ from analysis.reports.document import (
     power,
 )
 from analysis.reports.pdf import render_pages, write_pdf
+from analysis.reports.shown_units import in_units
 from protocol.base.errors import RequestError, writing
 from protocol.base.uncertainty import COVERAGE_FACTOR
-from protocol.base.units import NOTHING
+from protocol.base.units import NOTHING, STORED_UNITS
 from protocol.base.whole_file import write_whole
 
 _CURVE_POINTS = 101
@@ -102,11 +103,11 @@ def certificate_document(certificate: Certificate) -> Report:
     sections += [Section("Remarks", remarks)] if remarks else []
     sections.append(Section("Signature", _signature(certificate)))
     xml = Attachment("dcc.xml", dcc_xml(certificate), MIME_TYPE, "Digital Calibration Certificate 3.2.1")
-    return Report(
+    return in_units(Report(
         certificate.title, f"No. {certificate.number}", certificate.simulated, _verdict(certificate),
         _facts(certificate), tuple(sections), f"No. {certificate.number}   {RELATES}", certificate.issued,
         certificate.marks, certificate.laboratory.name, (xml,),
-    )  # fmt: skip
+    ), STORED_UNITS.of_signals_in(items[0].signal_unit))  # fmt: skip
 
 
 def _verdict(certificate: Certificate) -> str:
@@ -160,7 +161,7 @@ def _results(sensor: CalibratedSensor) -> tuple[SectionPart, ...]:
         u = level.expanded_mm / COVERAGE_FACTOR
         lengths = (level.elongation_mm, level.indicated_mm, level.deviation_mm, level.expanded_mm)
         x, indicated, deviation, expanded = (rounded(length, u) for length in lengths)
-        pressure, signal = f"{round(level.pressure_kpa, 1) + 0.0:+.1f}", f"{level.signal_mv:.2f}"
+        pressure, signal = f"{round(level.pressure_kpa, 1) + 0.0:+.1f}", f"{level.signal_mv:.{sensor.places()}f}"
         covered = f"{COVERAGE_FACTOR:g}", percent(level.coverage), str(level.n)
         rows.append((level.branch, pressure, x, signal, indicated, deviation, expanded, *covered))
     header = (
@@ -186,7 +187,7 @@ def _function(calibration: Calibration) -> tuple[SectionPart, ...]:
         (f"b{k}", with_uncertainty(float(b), float(u)), f"mV/mm{power(k)}" if k else "mV")
         for k, (b, u) in enumerate(zip(calibration.coefficients, calibration.std_errors_with_reading, strict=True))
     )
-    caption = f"y = b0 + b1 x + ..., y the signal in mV, x the elongation in mm. {valid}.{adequacy}"
+    caption = f"y = b0 + b1 x + ..., y the signal, x the elongation in mm. {valid}.{adequacy}"
     return (ReportTable(("", "value ± standard uncertainty", "unit"), rows, caption),)
 
 
@@ -247,9 +248,7 @@ def _comparison(certificate: Certificate) -> tuple[SectionPart, ...]:
     rows = []
     for item in certificate.items:
         for sensor in item.sensors:
-            values = [
-                f"{sensor.figures[k]:.{SENSOR_FIGURES[k].decimals}f}" if k in sensor.figures else "" for k in keys
-            ]
+            values = [f"{sensor.figures[k]:.{sensor.places(k)}f}" if k in sensor.figures else "" for k in keys]
             most = max((level.expanded_mm for level in sensor.levels), default=math.nan)
             rows.append((item.name, sensor.name, *values, rounded(most, most / COVERAGE_FACTOR)))
     header = ("Item", "sensor", *map(figure_label, keys), "largest U, mm")

@@ -163,6 +163,7 @@ def _description(recording: Recording, converted: ConvertedElongation | None) ->
     frame = samples_frame(recording, slice(0, 1), converted)
     units = {channel.column: channel.unit or "1" for channel in recording.channels}
     units |= {channel.name: channel.unit for channel in recording.derived.channels}
+    units |= dict.fromkeys(recording.signal_columns, recording.signal_unit)
     return {
         "SIMULATED": recording.simulated,
         "samples": recording.n,

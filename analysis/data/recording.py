@@ -21,6 +21,7 @@ from analysis.data.camera_record import CameraRecord
 from protocol.base.arrays import BoolArray, FloatArray, IntArray
 from protocol.base.errors import DataError
 from protocol.base.optional import optional
+from protocol.base.units import in_a_name
 from protocol.recording import (
     NOT_FOR_FIGURES,
     DerivedChannel,
@@ -126,6 +127,11 @@ class Recording:
         return tuple(f"s{i + 1}" for i in range(self.n_sensors))
 
     @property
+    def signal_columns(self) -> tuple[str, ...]:
+        """Columns of the signals in a file: s1_mv, or s1_n of signals in N."""
+        return tuple(f"{name}_{in_a_name(self.signal_unit) or 'signal'}" for name in self.sensor_names)
+
+    @property
     def channels(self) -> tuple[ExtraChannel, ...]:
         """Names and units of the columns of `channel`."""
         return () if self.channel is None else session_channels(self.meta)
@@ -192,7 +198,9 @@ class Recording:
         """The derived channels that it states, checked against its own channels."""
         stated = (DerivedChannel(*entry) for entry in self.meta.get("derived") or ())
         kind = "signal" if self.lit is None or self.dark is None else "counts"
-        return DerivedColumns.of(stated, channel_units(self.n_sensors, kind, self.channels))
+        units = channel_units(self.n_sensors, kind, self.channels)
+        units |= {f"{name}_mv": self.signal_unit for name in self.sensor_names}
+        return DerivedColumns.of(stated, units)
 
     def deriving(self, definitions: Sequence[str]) -> Recording:
         """Return the recording with more derived channels, ``NAME [UNIT] = EXPRESSION``; may raise RecordingError."""
@@ -240,8 +248,8 @@ class Recording:
         """
         first, last = ("index", "time_s", "pressure_kpa", "target_kpa"), ("state", "flags", "segment")
         frame: dict[str, Any] = {name: getattr(self, name) for name in first}
-        for i, name in enumerate(self.sensor_names):
-            frame[f"{name}_mv"] = self.signal_mv[:, i]
+        for i, name in enumerate(self.signal_columns):
+            frame[name] = self.signal_mv[:, i]
         if self.lit is not None and self.dark is not None:
             for i, name in enumerate(self.sensor_names):
                 frame |= {f"{name}_lit": self.lit[:, i], f"{name}_dark": self.dark[:, i]}
@@ -264,7 +272,8 @@ class Recording:
         usual = {name: unit for name in names for ending, unit in by_ending.items() if name.endswith(ending)}
         others = {channel.column: channel.unit for channel in self.channels}
         derived = {channel.name: channel.unit for channel in self.derived.channels}
-        return {name: unit for name, unit in (usual | others | derived).items() if unit}
+        signals = dict.fromkeys(self.signal_columns, self.signal_unit)
+        return {name: unit for name, unit in (usual | others | signals | derived).items() if unit}
 
     @classmethod
     def from_arrays(

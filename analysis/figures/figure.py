@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from analysis.json_object import json_object
 from analysis.numbers import rounded
-from protocol.base.units import NOTHING
+from protocol.base.units import NOTHING, in_signal_unit
 
 if TYPE_CHECKING:  # the window imports the table of figures, and not pandas with it
     import pandas as pd
@@ -261,8 +261,10 @@ def _rows(
 ) -> list[tuple[str, list[str]]]:
     """Return label and a text for each sensor; figures of the whole unit have one text."""
     known = [key for key in keys if sensors and key in sensors[0].figures]
+    unit = sensors[0].figures["fso_mv"].unit if known else "mV"
     rows = [(SENSOR_FIGURES[key].label_with_unit, [_text(sensor.figures[key]) for sensor in sensors]) for key in known]
-    return rows + [(SYSTEM_FIGURES[key].label_with_unit, [_text(figure)]) for key, figure in system.items()]
+    rows += [(SYSTEM_FIGURES[key].label_with_unit, [_text(figure)]) for key, figure in system.items()]
+    return [(in_signal_unit(label, unit), texts) for label, texts in rows]
 
 
 def _text(figure: Figure) -> str:

@@ -50,6 +50,7 @@ from analysis.tracking.continuous import CameraFigures, camera_elongations, came
 from analysis.tracking.run import Filmed, filmed
 from analysis.warning import Warning
 from protocol.base.arrays import FloatArray
+from protocol.base.units import STORED_UNITS, in_signal_unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,7 +213,7 @@ def analyse(
     analysed = AnalysedRun(**_values(run), sensors=tuple(sensors))
     over_x = [elongation_uncertainty(analysed, i) for i in range(len(sensors))]
     actuator, actuator_cycles = _actuator_hysteresis(run, sensors)
-    return Analysis(
+    found = Analysis(
         **_values(analysed),
         system_sensitivity=_system_sensitivity(sensors),
         actuator_hysteresis=actuator,
@@ -224,6 +225,28 @@ def analyse(
         parts=tuple(_part(run, part) for part in parts) if len(parts) > 1 else (),
         camera=_camera(film, run, sensors) if film is not None else None,
         checked=checked,
+    )
+    return _in_unit(found, recording.signal_unit)
+
+
+def _in_unit(found: Analysis, unit: str) -> Analysis:
+    """Return the analysis of signals in another unit than mV, its figures and warnings with that unit."""
+    if unit == STORED_UNITS.voltage:
+        return found
+
+    def stated(figure: Figure) -> Figure:
+        void, note, text = (in_signal_unit(one, unit) for one in (figure.void, figure.note, figure.definition))
+        return replace(figure, unit=figure.unit.replace("mV", unit), void=void, note=note, definition=text)
+
+    def of_sensors(sensors: tuple[SensorAnalysis, ...]) -> tuple[SensorAnalysis, ...]:
+        return tuple(replace(s, figures={key: stated(f) for key, f in s.figures.items()}) for s in sensors)
+
+    return replace(
+        found,
+        sensors=of_sensors(found.sensors),
+        parts=tuple(replace(part, sensors=of_sensors(part.sensors)) for part in found.parts),
+        system_sensitivity=stated(found.system_sensitivity),
+        warnings=tuple(replace(one, text=in_signal_unit(one.text, unit)) for one in found.warnings),
     )
 
 

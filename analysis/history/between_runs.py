@@ -16,7 +16,7 @@ import numpy as np
 
 from analysis.figures.pipeline import Analysis
 from analysis.figures.uncertainty import ElongationBudgets, middle_budgets
-from analysis.history.unit_history import UnitHistory, refuse_mixture, unit_history
+from analysis.history.unit_history import UnitHistory, one_signal_unit, refuse_mixture, unit_history
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import BoatDaqError, RequestError
 
@@ -75,6 +75,7 @@ class RunComparison:
 def compare_runs(analyses: Sequence[Analysis]) -> RunComparison:
     """Compare runs unit by unit: spread of levels, history, budget; RequestError for simulated beside real runs."""
     refuse_mixture(analysis.recording.simulated for analysis in analyses)
+    one_signal_unit(analysis.recording.signal_unit for analysis in analyses)
     by_unit: dict[str, list[Analysis]] = {}
     for analysis in analyses:
         by_unit.setdefault(analysis.recording.unit, []).append(analysis)

@@ -35,6 +35,7 @@ class DatedCalibration:
     when: str
     calibration: Calibration
     u_elongation: FloatArray
+    signal_unit: str = "mV"
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +64,7 @@ class UnitHistory:
     expanded_mm: FloatArray
     curves: tuple[FloatArray, ...]
     interval: CalibrationInterval
+    signal_unit: str = "mV"
 
     @property
     def out_of_control(self) -> tuple[int, ...]:
@@ -91,6 +93,7 @@ class UnitHistory:
         )
         return {
             "name": self.sensor,
+            "signal_unit": self.signal_unit,
             **{name: getattr(self, name) for name in ("check_point_mm", "centre_mv", "lower_mv", "upper_mv")},
             "drift_per_calibration": self.drift_per_calibration.tolist(),
             "calibrations": [
@@ -118,6 +121,14 @@ def refuse_mixture(simulated: Iterable[bool]) -> None:
     if len(set(simulated)) > 1:
         cause = "simulated and real runs are not compared: they share nothing but the name of the unit"
         raise RequestError(cause, "Choose runs of the virtual board only, or none of them.")
+
+
+def one_signal_unit(units: Iterable[str]) -> str:
+    """Return the unit of the signals of all runs; raises RequestError where they have several."""
+    found = list(dict.fromkeys(units))
+    if len(found) > 1:
+        raise RequestError(f"signals in {' and '.join(found)} are not compared", "Choose runs of one unit of signals.")
+    return found[0]
 
 
 def calibrations_in(
@@ -177,7 +188,9 @@ def unit_history(
         if calibration is not None:
             key = str(analysis.recording.meta.get("uuid") or analysis.recording.source)
             when = analysis.recording.started_utc
-            found[key] = DatedCalibration(when, calibration, analysis.u_elongation[sensor])
+            found[key] = DatedCalibration(
+                when, calibration, analysis.u_elongation[sensor], analysis.recording.signal_unit
+            )
     if not found:
         raise DataError("none of the runs is a calibration", "Give recordings with readings of elongation.")
     return history_of(tuple(found.values()), f"s{sensor + 1}", check_point_mm=check_point_mm, limit_mm=limit_mm)
@@ -214,7 +227,7 @@ def history_of(
         sensor, tuple(one.when for one in ordered), coefficients, errors, check_point_mm, values, expanded, centre,
         centre - reach, centre + reach, en_scores(values, expanded), expanded_mm,
         tuple(np.column_stack([x, fit.predict(x)]) for x, fit in zip(grids, fits, strict=True)),
-        proposed_interval(times, error_mm, u_mm, limit),
+        proposed_interval(times, error_mm, u_mm, limit), one_signal_unit(one.signal_unit for one in ordered),
     )  # fmt: skip
 
 

@@ -9,7 +9,6 @@ of a simulated run.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -64,9 +63,12 @@ def write_report(
     limits : name -> value, see `analysis.figures.acceptance.LIMITS`; the verdict is given against them.
     shadow : the run beside the digital shadow, for a report on one run; None leaves it out.
     """
-    signal_unit = analyses[0].recording.signal_unit if analyses else "mV"
-    units = units if signal_unit == "mV" else replace(units, voltage=signal_unit)
-    return write_built(lambda: in_units(build_report(analyses, limits, shadow), units), Path(path), progress)
+
+    def build() -> Report:
+        report = build_report(analyses, limits, shadow)
+        return in_units(report, units.of_signals_in(analyses[0].recording.signal_unit))
+
+    return write_built(build, Path(path), progress)
 
 
 def build_report(

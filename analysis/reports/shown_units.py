@@ -22,7 +22,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, MaxNLocator
 
 from analysis.numbers import NUMBER, decimals_for, in_unit
 from analysis.reports.document import Draw, Report, ReportDrawing, ReportTable, Section, SectionPart
-from protocol.base.units import STORED_UNITS, Shown, ShownUnits, as_text
+from protocol.base.units import CHOICES, STORED_UNITS, Shown, ShownUnits, as_text, in_signal_unit
 
 _UNIT = r"(?:kPa|mV|mm|µm)(?:[²³])?(?:/(?:kPa|mV|mm|s)[²³]?)?"
 _STATED = re.compile(rf"({NUMBER}(?: (?:to|and|±|\u2026|/) {NUMBER})*) ({_UNIT})(?![\w/²³])")
@@ -56,7 +56,8 @@ def _text(text: str, units: ShownUnits) -> str:
         same = shown.symbol == found[2]
         return found[0] if same else f"{in_unit(found[1], shown)} {as_text(shown.symbol)}"
 
-    return _STATED.sub(one, text)
+    converted = _STATED.sub(one, text)
+    return converted if units.voltage in CHOICES["voltage"] else in_signal_unit(converted, units.voltage)
 
 
 def _stated(title: str, units: ShownUnits) -> tuple[str, Shown | None]:

@@ -20,10 +20,11 @@ from analysis.progress import Progress
 from analysis.reports.document import Report, ReportDrawing, ReportTable, Section, date_of
 from analysis.reports.html import write_html
 from analysis.reports.pdf import write_pdf
+from analysis.reports.shown_units import in_units
 from analysis.version import program_version
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import ChoiceError, writing
-from protocol.base.units import NOTHING
+from protocol.base.units import NOTHING, STORED_UNITS
 
 WRITERS = {".html": write_html, ".pdf": write_pdf}
 MARGIN_DAYS = 0.08  # of the span, on either side of the dates
@@ -75,7 +76,8 @@ def unit_report(unit: str, histories: Sequence[UnitHistory], *, simulated: bool)
     )
     sections = [_sensor(history, number) for number, history in enumerate(histories, 1)]
     footer = f"boat-daq {program_version()}"
-    return Report("Unit over time", unit, simulated, verdict, facts, (*sections, _method()), footer, last.when[-1])
+    found = Report("Unit over time", unit, simulated, verdict, facts, (*sections, _method()), footer, last.when[-1])
+    return in_units(found, STORED_UNITS.of_signals_in(last.signal_unit))
 
 
 def _sensor(history: UnitHistory, number: int) -> Section:
@@ -115,14 +117,19 @@ def history_tables(history: UnitHistory, number: int) -> tuple[ReportTable | str
         ))  # fmt: skip
     limits = ""
     if len(history.when) > 1:
-        limits = f", control limits {history.lower_mv:.2f} to {history.upper_mv:.2f} mV"
+        limits = f", control limits {_value(history, history.lower_mv)} to {_value(history, history.upper_mv)} mV"
     caption = (
-        f"Sensor {number} at x = {history.check_point_mm:g} mm: mean {history.centre_mv:.2f} mV{limits}; U with k = 2; "
-        "|En| above 1 is disagreement."
+        f"Sensor {number} at x = {history.check_point_mm:g} mm: mean {_value(history, history.centre_mv)} mV{limits}; "
+        "U with k = 2; |En| above 1 is disagreement."
     )
     header = ("calibrated", "b1 ± U, mV/mm", "y(x0) ± U, mV", "U of x, µm", "En", "finding")
     sentence = history.interval.sentence
     return ReportTable(header, tuple(rows), caption), f"{sentence[0].upper()}{sentence[1:]}."
+
+
+def _value(history: UnitHistory, value: float) -> str:
+    """Return a signal of the control chart, with the digits that its U shows."""
+    return rounded(value, float(np.nanmin(history.expanded_mv)) / 2.0)
 
 
 def _finding(en: float, outside: bool) -> str:

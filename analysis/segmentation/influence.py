@@ -99,7 +99,7 @@ def influences(
     found = []
     for i, channel in enumerate(recording.channels):
         values = recording.channel[:, i]
-        if not np.isfinite(values).any():
+        if not np.isfinite(values).any() or channel.column == recording.meta.get("elongation_channel"):
             continue
         means = np.asarray([_mean(values[rows]) for rows in windows])
         parts = [values[rows] for rows in windows] or [values]

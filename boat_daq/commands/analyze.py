@@ -177,7 +177,7 @@ def _show_shadow(shadow: Mapping[str, Any]) -> None:
 def _show(analysis: Analysis, limits: Mapping[str, float]) -> None:
     from analysis.figures.acceptance import judge
     from analysis.figures.figure import void_sentences, with_interval
-    from protocol.base.units import in_a_name
+    from protocol.base.units import as_text, in_a_name
 
     content, sensors = analysis.to_json(), analysis.sensors
     cycles, ending = content["cycles"], f"_{in_a_name(content['signal_unit'])}"
@@ -203,7 +203,7 @@ def _show(analysis: Analysis, limits: Mapping[str, float]) -> None:
         show(sentence)
     _show_sensors(analysis)
     if analysis.camera is not None:
-        _show_camera(analysis.camera.as_json())
+        _show_camera(analysis.camera.as_json(), as_text(content["signal_unit"]))
     for one in judge(sensors, limits):
         show(f"{one.conformity.label}: {one.text}")
     for warning in analysis.warnings:
@@ -232,7 +232,7 @@ def _show_sensors(analysis: Analysis) -> None:
             show(f"{sensor.name}: {f'{found.name}: {found.void}' if found.void else influence_text(found)}")
 
 
-def _show_camera(camera: Mapping[str, Any]) -> None:
+def _show_camera(camera: Mapping[str, Any], unit: str) -> None:
     """Print what the camera adds."""
     delay = "not found" if camera["delay_s"] is None else f"{1e3 * camera['delay_s']:+.1f} ms"
     u_delay = "" if camera["delay_s"] is None else f" ± {1e3 * camera['u_delay_s']:.1f} ms"
@@ -246,9 +246,10 @@ def _show_camera(camera: Mapping[str, Any]) -> None:
             continue
         loop = sensor["hysteresis_percent_fso"]
         show(
-            f"s{number} on the continuous record: {sensor['sensitivity_mv_per_mm']:.4g} mV/mm, "
+            f"s{number} on the continuous record: {sensor['sensitivity_mv_per_mm']:.4g} {unit}/mm, "
             f"R2 = {sensor['r2']:.5f}, "
-            f"hysteresis {loop['mean']:.2f} % FSO, dynamic error {sensor['dynamic_mv_per_mm_per_s']:+.2g} mV per mm/s, "
+            f"hysteresis {loop['mean']:.2f} % FSO, "
+            f"dynamic error {sensor['dynamic_mv_per_mm_per_s']:+.2g} {unit} per mm/s, "
             f"{sensor['from_plateaus_percent_fso']:.2f} % FSO from the plateaus' curve"
         )
 
@@ -263,19 +264,20 @@ def strokes(
 ) -> None:
     """Measure the strokes of a continuous run: span and period, and each sensor's friction, half width and loop area.
 
-    The half width is that of the loop of signal over pressure, in mV; the friction is the same along the pressure, in
-    kPa. Mean and standard deviation are over the cycles; no calibration is needed.
+    The half width is that of the loop of signal over pressure; the friction is the same along the pressure,
+    in kPa. Mean and standard deviation are over the cycles; no calibration is needed.
 
     Example: boat-daq strokes repeatability.boat --json
     """
     from analysis import load_recording
     from analysis.segmentation.strokes import stroke_figures
     from boat_daq.commands.importing import column_map
+    from protocol.base.units import in_a_name
 
     recording = load_recording(run, columns=column_map(mapping) or None)
     figures = stroke_figures(recording, min_speed_kpa_per_s=min_speed)
     if as_json:
-        emit_json({"simulated": recording.simulated, **figures})
+        emit_json({"simulated": recording.simulated, "signal_unit": recording.signal_unit, **figures})
         return
     show(
         f"{'SIMULATED  ' if recording.simulated else ''}{recording.source}: {figures['cycles']} cycles, "
@@ -284,7 +286,12 @@ def strokes(
     sensors = figures.pop("sensors")
     pressures = ((name, _text(value)) for name, value in figures.items() if name.endswith(("_kpa", "_s")))
     show_table(("pressure", ""), pressures)
-    rows = ([name, *(_text(sensor[name]) for sensor in sensors)] for name in sensors[0] if name != "name")
+    ending = f"_{in_a_name(recording.signal_unit)}"
+    rows = (
+        [name.replace("_mv", ending), *(_text(sensor[name]) for sensor in sensors)]
+        for name in sensors[0]
+        if name != "name"
+    )
     show_table(("loop", *(sensor["name"] for sensor in sensors)), rows)
 
 

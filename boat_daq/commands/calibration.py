@@ -182,6 +182,7 @@ def _converted_file(
     recording = load_recording(file, columns=column_map(mapping) or None, rate_hz=rate_hz, **options)
     for warning in other_unit(found, recording.unit):
         notify(warning)
-    rows = converted_rows(recording.time_s, recording.signal_mv, convert_recording(recording, found))
+    converted = convert_recording(recording, found)
+    rows = converted_rows(recording.time_s, recording.signal_mv, converted, recording.signal_unit)
     for first in range(0, len(rows), _ROWS_AT_ONCE):
         yield rows.iloc[first : first + _ROWS_AT_ONCE]

@@ -130,10 +130,13 @@ def history(
 
 
 def _show(one: UnitHistory) -> None:
-    from analysis.numbers import with_uncertainty
+    from analysis.numbers import rounded, with_uncertainty
+    from protocol.base.units import as_text
 
-    limits = f", control limits {one.lower_mv:.2f} to {one.upper_mv:.2f} mV" if len(one.when) > 1 else ""
-    show(f"{one.sensor}: mean {one.centre_mv:.2f} mV{limits}")
+    u, unit = float(one.expanded_mv.min()) / 2.0, as_text(one.signal_unit)
+    ends = f"{rounded(one.lower_mv, u)} to {rounded(one.upper_mv, u)}"
+    limits = f", control limits {ends} {unit}" if len(one.when) > 1 else ""
+    show(f"{one.sensor}: mean {rounded(one.centre_mv, u)} {unit}{limits}")
     rows = []
     for k, (when, value, expanded, en) in enumerate(zip(one.when, one.value_mv, one.expanded_mv, one.en, strict=True)):
         state = "outside" if k in one.out_of_control else "within"
@@ -141,4 +144,4 @@ def _show(one: UnitHistory) -> None:
             when, with_uncertainty(float(value), float(expanded)), "" if en != en else f"{en:+.2f}",
             state + (", differs from the previous" if abs(en) > 1 else ""),
         ))  # fmt: skip
-    show_table(("calibrated", f"y({one.check_point_mm:g} mm) ± U, mV", "En", "control"), rows, left=4)
+    show_table(("calibrated", f"y({one.check_point_mm:g} mm) ± U, {unit}", "En", "control"), rows, left=4)

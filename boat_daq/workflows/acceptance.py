@@ -120,6 +120,7 @@ class RunCalibration:
     recording_id: str = ""
     curve: str = ""  # the choice that was fitted
     verdict: RunVerdict | None = None
+    signal_unit: str = "mV"
 
     @property
     def calibrated(self) -> bool:
@@ -151,6 +152,7 @@ def run_calibration(found: Analysis, path: Path) -> RunCalibration:
         recording_id=recording.identity,
         curve=str(found.options.degree),
         verdict=RunVerdict.of(found),
+        signal_unit=recording.signal_unit,
     )
 
 
@@ -254,6 +256,7 @@ def accepted_record(run: RunCalibration, posterior: Sequence[Mapping[str, Any]] 
         recording_id=run.recording_id,
         curve=run.curve,
         cycles=run.cycles,
+        signal_unit=run.signal_unit,
         posterior=tuple(posterior),
         out_of_tolerance=missed_bounds(run, posterior),
     )

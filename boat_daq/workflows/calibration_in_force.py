@@ -72,6 +72,9 @@ def in_force(units: UnitLibrary, name: str) -> CalibrationRecord:
         kind = "simulated unit" if units.simulated else "unit"
         cause = f"{kind} {name} has no accepted calibration" if name else "the unit is not named"
         raise RequestError(cause, "accept a calibration of this unit first", command="boat-daq twin accept RUN")
+    if found.signal_unit != "mV":
+        cause = f"the calibration of unit {name} is for signals in {found.signal_unit}, those of a board are in mV"
+        raise RequestError(cause, "accept a calibration of this unit by the board first")
     return found
 
 

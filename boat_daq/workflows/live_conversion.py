@@ -126,6 +126,8 @@ def conversion_in_force(session: Session, unit: str) -> tuple[Conversion | None,
     record = newest_calibration(session.units.of(simulated=seen.simulated), unit)
     if record is None:
         return None, "the unit has no calibration"
+    if record.signal_unit != "mV":
+        return None, f"the calibration is for signals in {record.signal_unit}"
     conversion = prepare(record)
     if seen.last is None or conversion.sensors != len(seen.last.signal_mv):
         return None, f"the calibration is of {conversion.sensors} sensors"

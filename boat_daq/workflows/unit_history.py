@@ -33,6 +33,11 @@ class UnitOverTime:
     sentence: str
     void: str = ""
 
+    @property
+    def signal_unit(self) -> str:
+        """Unit of the signals."""
+        return self.histories[0].signal_unit if self.histories else "mV"
+
     def days(self, sensor: int) -> FloatArray:
         """Return the time of each calibration of a sensor since its first one, days."""
         times = [np.datetime64(when[:19], "s") for when in self.histories[sensor].when]
@@ -82,7 +87,7 @@ def _dated(record: CalibrationRecord, sensor: int) -> DatedCalibration:
     assert inverse.calibration is not None
     x = np.linspace(*inverse.x_range, _CURVE_POINTS)
     u_mm = np.column_stack([x, 2.0 * inverse.standard_uncertainty(x)])
-    return DatedCalibration(record.calibrated_utc, inverse.calibration, u_mm)
+    return DatedCalibration(record.calibrated_utc, inverse.calibration, u_mm, record.signal_unit)
 
 
 def load_unit_over_time(units: UnitLibrary, name: str) -> UnitOverTime:

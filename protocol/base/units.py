@@ -60,8 +60,8 @@ _SPELT: Final = {  # other spellings, in small letters
 }  # fmt: skip
 _CASELESS: Final = (  # what a name in the wrong case means
     "Pa", "hPa", "kPa", "MPa", "bar", "mbar", "psi", "mmHg", "Torr", "atm", "V", "mV", "uV", "A", "mA", "m", "cm", "mm",
-    "um", "s", "ms", "us", "min", "h", "degC", "degF", "K", "N", "mN", "Hz", "kHz", "W", "mW", "ohm", "kohm", "g", "kg",
-    "L/min", "mL/min", "lx", "mL", "ns", "cmH2O", "mmH2O", "inH2O", "inHg", "pF", "nF", "nm", "kgf/cm2",
+    "um", "s", "ms", "us", "min", "h", "degC", "degF", "K", "N", "mN", "kN", "Hz", "kHz", "W", "mW", "ohm", "kohm", "g",
+    "kg", "L/min", "mL/min", "lx", "mL", "ns", "cmH2O", "mmH2O", "inH2O", "inHg", "pF", "nF", "nm", "kgf/cm2",
 )  # fmt: skip
 
 
@@ -164,6 +164,10 @@ class ShownUnits:
             chosen[quantities[0]] = found.symbol
         return replace(STORED_UNITS, **chosen)
 
+    def of_signals_in(self, unit: str) -> ShownUnits:
+        """Return the units for a run whose signals are in `unit`: where that is not mV, they are shown in it."""
+        return self if unit == STORED_UNITS.voltage else replace(self, voltage=unit)
+
     def shown(self, stored: str) -> Shown:
         """Return how values of a unit such as kPa, mV/mm or degC are shown."""
         return _shown(self, stored)
@@ -213,7 +217,10 @@ class Quantity(NamedTuple):
     def text(self, shown: Shown) -> str:
         """Return it in the unit `shown`, with as many decimals as in the stored one, or four digits."""
         form = self.form
-        if shown.symbol != self.unit and form.endswith("f"):
+        other = self.unit.startswith("mV") and shown.symbol.partition("/")[0] not in CHOICES["voltage"]
+        if other and form.endswith("f"):  # of signals in another unit than mV
+            form = f"{form.partition('.')[0]}.3g"
+        elif shown.symbol != self.unit and form.endswith("f"):
             form = f"{form.partition('.')[0]}.{shown.decimals(int(form[:-1].partition('.')[2]))}f"
         elif shown.symbol != self.unit and "." not in form:
             form = f"{form[:-1]}.4g"
@@ -255,6 +262,22 @@ def _piece(part: str | Quantity, units: ShownUnits) -> str:
 def in_shown_units(text: str, units: ShownUnits) -> str:
     """Return a text with its quantities in `units`; any other text unchanged."""
     return "".join(_piece(part, units) for part in text.pieces) if isinstance(text, UnitText) else text
+
+
+def in_signal_unit(text: str, unit: str) -> str:
+    """Return a text about signals in another unit than mV, the numbers of which are in it already."""
+    if unit == STORED_UNITS.voltage:
+        return text
+    if isinstance(text, UnitText):
+        return UnitText(*(_stated_in(part, unit) for part in text.pieces))
+    return re.sub(r"\bmV\b", as_text(unit), text)
+
+
+def _stated_in(part: str | Quantity, unit: str) -> str | Quantity:
+    if isinstance(part, str):
+        return in_signal_unit(part, unit)
+    form = f"{part.form.partition('.')[0]}.4g" if "mV" in part.unit and part.form.endswith("f") else part.form
+    return part._replace(unit=part.unit.replace("mV", unit), form=form)
 
 
 def as_text(symbol: str) -> str:

@@ -6,6 +6,7 @@ Every plot of the program is in one of these, so every plot is copied and saved 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from boat_daq.gui.widgets import controls
 from boat_daq.viewmodels.common import tables
 from boat_daq.viewmodels.common.preferences import Preferences
 from protocol.base.errors import RequestError
+from protocol.base.units import STORED_UNITS
 from protocol.base.whole_file import written_whole
 
 Columns = Mapping[str, Any]
@@ -48,6 +50,7 @@ class PlotCard(QFrame):
         self.title = title
         self.plots: list[Plot] = []
         self.theme: Theme = style.LIGHT
+        self._signal_unit = STORED_UNITS.voltage
         self._readout_below = False
         self.view = pg.GraphicsLayoutWidget()
         self.view.setFrameShape(QFrame.Shape.NoFrame)
@@ -210,12 +213,20 @@ class PlotCard(QFrame):
             plot.clear()
         self.readout.setText("")
 
+    def show_signals_in(self, unit: str) -> None:
+        """Take a run whose signals are in another unit than mV."""
+        if unit != self._signal_unit:
+            self._signal_unit = unit
+            self.paint_theme(self.theme)
+
     def paint_theme(self, theme: Theme) -> None:
         """Use the colours of `theme`."""
         self.theme = theme
+        units = theme.units.of_signals_in(self._signal_unit)
+        of_run = theme if units == theme.units else replace(theme, units=units)
         self.view.setBackground(theme.surface)
         for plot in self.plots:
-            plot.paint(theme)
+            plot.paint(of_run)
 
     def columns(self) -> Columns:
         """Return the columns of the CSV: what is drawn; names with several meanings get the plot's title."""

@@ -431,6 +431,7 @@ class CalibrationPage(QWidget):
         for shown in self.plots:
             shown.show_empty("")
         for i, (card, sensor) in enumerate(zip(self.curves, result.sensors, strict=False)):
+            card.show_signals_in(result.signal_unit)
             curve = self.model.curve(i)
             if curve is not None:
                 card.show_sensor(sensor, curve, self.model.agreement(i))

@@ -107,6 +107,7 @@ class CycleFigureCard(PlotCard):
         """Draw a figure of all cycles."""
         assert model.result is not None
         self.title = shown.name
+        self.show_signals_in(model.result.signal_unit)
         self.plot.clear()
         for mark in self.marks:
             self.plot.remove_line(mark)

@@ -429,7 +429,8 @@ class RunsPage(QWidget):
 
     def _show_history(self) -> None:
         unit = self.other_pages.unit()
-        found = self.model.sensitivities(unit)
+        found, signal_unit = self.model.sensitivities(unit)
+        self.history.show_signals_in(signal_unit)
         unit += "  SIMULATED" if self.model.simulated else ""
         self.history.clear()
         for points, (x, y) in zip(self.sensitivities, found, strict=False):
@@ -445,6 +446,7 @@ class RunsPage(QWidget):
         lines, legend = self.model.comparison_lines()
         self.below.setCurrentIndex(1 if lines else 0)
         self.compare_card.clear()
+        self.compare_card.show_signals_in(self.model.comparison_unit)
         if lines:
             self._arrange_comparison(len(lines))
         self.compare_card.readout.setText(legend)
@@ -454,7 +456,7 @@ class RunsPage(QWidget):
             for curve, (x, y) in zip(row, curves, strict=False):
                 curve.set(x, y)
         for plot in self.compare_card.plots:
-            plot.fit(smallest=LEAST_SPAN_MV)
+            plot.fit(smallest=LEAST_SPAN_MV if self.model.comparison_unit == "mV" else 0.0)
 
 
 def spread(x: FloatArray, y: FloatArray, place: int, of: int) -> tuple[float, float]:

@@ -87,9 +87,13 @@ class UnitWindow(QDialog):
         if found is None or found is self._shown:
             return
         self._shown = found
+        for card in self.cards.values():
+            card.show_signals_in(found.signal_unit)
+        units = self.theme.units.of_signals_in(found.signal_unit)
+        self.table.set_headings(history_headings(units), stretched=FINDING, right=(2, 3, 4))
         self.due.setText(found.void or found.sentence)
         self.save.setEnabled(not found.void)
-        self.table.fill(unit_rows(found, self.theme.units))
+        self.table.fill(unit_rows(found, units))
         self.sensor.clear()
         for number in range(1, len(found.histories) + 1):
             self.sensor.addItem(f"Sensor {number}", number - 1)

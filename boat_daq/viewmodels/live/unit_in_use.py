@@ -82,6 +82,7 @@ class UnitInUse:
 
     def use(self, record: CalibrationRecord | None, units: UnitLibrary | None = None) -> None:
         """Show elongation by this calibration, and with `units` predicted signals; none without a calibration."""
+        record = record if record is None or record.signal_unit == "mV" else None  # a board sends no other signals
         self._record = record
         self._live.inverse = self.conversion = self._live.prediction = None
         self.preparation.pending.clear()  # of another calibration

@@ -200,9 +200,14 @@ class CalibrationModel:
         self.shown_units = units
         self.revision += 1
 
+    @property
+    def units_of_run(self) -> ShownUnits:
+        """The shown units, with that of the signals where it is not mV."""
+        return self.shown_units.of_signals_in(self.result.signal_unit) if self.result is not None else self.shown_units
+
     def curve_headings(self) -> tuple[str, ...]:
         """Return the headings of the curves in a table."""
-        u, error = (as_text(self.shown_units.shown(unit).symbol) for unit in ("um", "mV"))
+        u, error = (as_text(self.units_of_run.shown(unit).symbol) for unit in ("um", "mV"))
         return "Curve", "Verdict", f"U, {u}", f"Error, {error}"
 
     def curve_rows(self) -> list[tuple[Cells, str]]:
@@ -213,7 +218,7 @@ class CalibrationModel:
         for sensor, candidates in zip(self.result.sensors, self.result.candidates, strict=False):
             chosen = sensor.record.fit.get("curve", "")
             rows.append(((sensor.label, "", "", ""), ""))
-            rows += [curve_row(one, self.shown_units, chosen=one.name == chosen) for one in candidates]
+            rows += [curve_row(one, self.units_of_run, chosen=one.name == chosen) for one in candidates]
         return rows
 
     def follow_rename(self, old: Path, new: Path) -> None:
@@ -254,7 +259,7 @@ class CalibrationModel:
         self.result, self.agreements, self.posterior, self.accepted = result, (), (), None
         self.revision += 1
         self.before = None if result is None else newest_calibration(self._units_of(result), result.unit)
-        if result is not None and self.before is not None:
+        if result is not None and self.before is not None and self.before.signal_unit == result.signal_unit:
             self.agreements = tuple(map(_agreement, result.sensors, self.before.sensors))
         if result is not None:
             self._taken(result)
@@ -439,7 +444,7 @@ class CalibrationModel:
             mark = {True: "\u25cf agrees", False: "\u25b2 differs", None: NOTHING}[found.agrees]
             lines.append(
                 f"{sensor.label}: {mark}, E\u2099 = {number(float(found.e_n[at]), 2, sign=True)}: "
-                + shown_text(in_shown_units(size, self.shown_units))
+                + shown_text(in_shown_units(size, self.units_of_run))
             )
         return "\n".join(lines)
 
@@ -447,7 +452,7 @@ class CalibrationModel:
         """Return each coefficient as (name, this calibration, the previous one, E_n), with its tooltip."""
         sensors = self.result.sensors if self.result is not None else ()
         return [
-            coefficient_row(sensor.label, c, self.shown_units)
+            coefficient_row(sensor.label, c, self.units_of_run)
             for sensor, found in zip(sensors, self.agreements, strict=False)
             for c in (found.coefficients if found is not None else ())
         ]

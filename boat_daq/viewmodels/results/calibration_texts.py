@@ -15,7 +15,7 @@ from analysis.warning import WarningCode
 from boat_daq.formatting import SUBSCRIPT, SUPERSCRIPT, count, number, sensor_words
 from boat_daq.viewmodels.results.run_result import RunResult
 from boat_daq.workflows.acceptance import Lack, RunVerdict, lack_text, lacking
-from protocol.base.units import MINUS, ShownUnits, as_text
+from protocol.base.units import MINUS, NOTHING, Quantity, ShownUnits, as_text
 
 Cells = tuple[str, ...]
 LEAST_ELONGATIONS = 4  # of a cubic
@@ -102,13 +102,14 @@ def warnings(result: RunResult) -> tuple[str, ...]:
 
 
 def curve_row(c: CurveCandidate, units: ShownUnits, *, chosen: bool) -> tuple[Cells, str]:
+    error = Quantity(c.prediction_rms_mv, "mV", ".2f", named=False)
     name = "Spline" if c.name == SPLINE else f"Degree {c.name}"
     sign = {"adequate": "\u25cf", "doubtful": "\u25d0", "inadequate": "\u25b2"}.get(c.verdict, "")
     cells = (
         f"\u25b8 {name}" if chosen else name,
         f"{sign} {c.verdict}" if c.verdict else "not tested",
         _plain(units, "um", 1000 * c.expanded_mm, 0),
-        _plain(units, "mV", c.prediction_rms_mv, 2),
+        error.text(units.shown("mV")) if np.isfinite(c.prediction_rms_mv) else NOTHING,
     )
     return cells, "\n".join(filter(None, (c.sentence, f"no U: {c.void}" if c.void else "")))
 

@@ -11,7 +11,7 @@ import numpy as np
 from analysis.numbers import with_uncertainty
 from boat_daq.formatting import count, number
 from protocol.base.arrays import FloatArray
-from protocol.base.units import NOTHING
+from protocol.base.units import NOTHING, in_signal_unit
 
 if TYPE_CHECKING:
     from analysis.figures.pipeline import Analysis
@@ -76,7 +76,7 @@ def _rows(found: Analysis, sensors: Sequence[ContinuousCalibration]) -> tuple[Ro
     def row(name: str, unit: str, tip: str, values: Sequence[str], second: Sequence[str] = ()) -> Row:
         cells = (one.void or ("hysteresis" in name and one.hysteresis_void) or tip for one in sensors)
         texts = (f"{a}\n{b}" if b else a for a, b in zip(values, second or [""] * len(values), strict=True))
-        return ((f"{name}\n{unit}", tip), *zip(texts, cells, strict=True))
+        return ((f"{name}\n{in_signal_unit(unit, found.recording.signal_unit)}", tip), *zip(texts, cells, strict=True))
 
     def of_plateaus(key: str, decimals: int) -> list[str]:
         known = [figures.get(key) for figures in plateaus]

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from analysis.figures.figure import SENSOR_FIGURES, Figure
+from analysis.figures.figure import SENSOR_FIGURES, Figure, FigureDefinition
+from analysis.numbers import decimals_for
 from boat_daq.formatting import number, sensor_words
-from protocol.base.units import NOTHING, Quantity, UnitText
+from protocol.base.units import NOTHING, Quantity, UnitText, in_signal_unit
 
 if TYPE_CHECKING:
     from analysis.conformity import Conformity
@@ -53,7 +54,7 @@ def figure_text(figure: Figure | None, decimals: int, stated: LimitStatement | N
 
 
 def figure_rows(
-    sensors: Sequence[SensorAnalysis], keys: Sequence[str] = tuple(SENSOR_FIGURES)
+    sensors: Sequence[SensorAnalysis], keys: Sequence[str] = tuple(SENSOR_FIGURES), signal_unit: str = "mV"
 ) -> tuple[tuple[Cell, ...], ...]:
     """Return the table of figures: name over unit and published limit, then every sensor; none that no sensor has."""
     from analysis.figures.acceptance import TOLERANCES, against_published
@@ -64,9 +65,12 @@ def figure_rows(
     for d in (SENSOR_FIGURES[key] for key in keys):
         if any(d.key in sensor.figures for sensor in sensors):
             pairs = zip(sensors, stated, strict=True)
-            cells = [figure_text(s.figures.get(d.key), d.decimals, known.get(d.key)) for s, known in pairs]
-            limit, tip = limits.get(d.key), f"{d.label_with_unit}\n{cells[0][1]}"
-            below = d.unit
+            cells = [
+                figure_text(f := s.figures.get(d.key), _decimals(d, f, signal_unit), known.get(d.key))
+                for s, known in pairs
+            ]
+            limit, tip = limits.get(d.key), f"{in_signal_unit(d.label_with_unit, signal_unit)}\n{cells[0][1]}"
+            below = in_signal_unit(d.unit, signal_unit)
             if limit is not None:
                 below, tip = (
                     f"{d.unit}, limit {limit.symbol} {limit.limit:g}",
@@ -74,6 +78,13 @@ def figure_rows(
                 )
             rows.append(((f"{d.label}\n{below}", tip), *cells))
     return tuple(rows)
+
+
+def _decimals(definition: FigureDefinition, figure: Figure | None, signal_unit: str) -> int:
+    """Return the usual decimals of a figure; those of its interval for a signal in another unit than mV."""
+    if figure is None or in_signal_unit(definition.unit, signal_unit) == definition.unit:
+        return definition.decimals
+    return max(0, decimals_for(figure.uncertainty))
 
 
 def verdict_rows(sensors: Sequence[SensorAnalysis]) -> list[tuple[Cell, ...]]:

@@ -244,8 +244,12 @@ def _run_result(
         duration_s=found.recording.duration_s,
         partial=len(found.cycles.partial),
         sensors=tuple(_sensor(found, i, sensor) for i, sensor in enumerate(run.sensors)),
-        figures=(*figure_rows(found.sensors), *verdict_rows(found.sensors), *lab_rows(found)),
-        key_figures=figure_rows(found.sensors, KEY_FIGURES),
+        figures=(
+            *figure_rows(found.sensors, signal_unit=run.signal_unit),
+            *verdict_rows(found.sensors),
+            *lab_rows(found),
+        ),
+        key_figures=figure_rows(found.sensors, KEY_FIGURES, run.signal_unit),
         loops=LoopSet(loops.numbers, loops.pressure_kpa, loops.elongation_mm, loops.signal_mv),
         warnings=found.warnings,
         breaks=tuple(map(break_result, found.breaks)),
@@ -317,8 +321,9 @@ def sample_run(
 
 def compare_runs(paths: list[Path], *, progress: Progress | None = None) -> tuple[RunResult, ...]:
     """Return the analyses of several recordings."""
-    from analysis.history.unit_history import refuse_mixture
+    from analysis.history.unit_history import one_signal_unit, refuse_mixture
 
     found = [analyse_run(str(path), progress=part_of(progress, i, 1, len(paths))) for i, path in enumerate(paths)]
     refuse_mixture(run.simulated for run in found)
+    one_signal_unit(run.signal_unit for run in found)
     return tuple(found)

@@ -39,7 +39,7 @@ from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from boat_daq.workflows.run_files import add_marker, export_run, report_runs
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import RequestError
-from protocol.base.units import NOTHING, STORED_UNITS, Shown
+from protocol.base.units import NOTHING, STORED_UNITS, Shown, as_text
 from protocol.recording import SUFFIX
 
 SCAN_INTERVAL_S = 3.0
@@ -243,6 +243,11 @@ class RunsModel:
         """Show a comparison, or none."""
         self.comparison = comparison
 
+    @property
+    def comparison_unit(self) -> str:
+        """Unit of the signals that are compared."""
+        return self.comparison[0].signal_unit if self.comparison else "mV"
+
     def comparison_lines(self) -> tuple[list[list[tuple[FloatArray, FloatArray]]], str]:
         """Return for each sensor every run's curve less the first run's, over its range, and a legend."""
         runs = [run for run in self.comparison if run.calibrated]
@@ -299,6 +304,9 @@ class RunsModel:
                 shown = f"{name}{SIMULATED_MARK}" if units.simulated else name
                 for record in (record_of(unit, entry) for entry in reversed(unit.history)):
                     figures = " / ".join(_in(per_mm, figure, places) for figure in _sensitivities(record))
+                    if record.signal_unit != "mV":
+                        known = [one for one in _sensitivities(record) if one is not None]
+                        figures = f"{' / '.join(f'{one:.3g}' for one in known)} {as_text(record.signal_unit)}/mm"
                     name_now = names.get(record.recording_id, record.recording)
                     lines.append((units.simulated, (shown, record.calibrated_utc[:10], figures, name_now)))
         return lines
@@ -316,11 +324,16 @@ class RunsModel:
         """Return the model of the window of a run's dynamics."""
         return DynamicsModel(self.units, path, self.jobs, services)
 
-    def sensitivities(self, unit: str) -> list[tuple[FloatArray, FloatArray]]:
-        """Return for each sensor (number of the accepted calibration, sensitivity in mV/mm), oldest first."""
-        rows = map(_sensitivities, accepted_records(self.units.of(simulated=self.simulated).load(unit)))
+    def sensitivities(self, unit: str) -> tuple[list[tuple[FloatArray, FloatArray]], str]:
+        """Return for each sensor (number of the accepted calibration, sensitivity), oldest first; and the unit.
+
+        Calibrations of another unit of signals than the newest are left out.
+        """
+        records = accepted_records(self.units.of(simulated=self.simulated).load(unit))
+        signal_unit = records[-1].signal_unit if records else "mV"
+        rows = (_sensitivities(record) for record in records if record.signal_unit == signal_unit)
         columns = (np.array([v for v in column if v is not None], dtype=float) for column in zip_longest(*rows))
-        return [(np.arange(1.0, column.size + 1), column) for column in columns]
+        return [(np.arange(1.0, column.size + 1), column) for column in columns], signal_unit
 
     def close(self) -> None:
         """End the helper thread."""

@@ -45,7 +45,7 @@ def test_calibration_without_an_inverse_is_written_with_its_reason(tmp_path: Pat
     ("path", "value", "message"),
     [
         (("format",), "other", "is not a calibration"),
-        (("version",), 3, "version 3"),
+        (("version",), 4, "version 4"),
         (("version",), True, "version True"),
         (("unit",), 3, "unit is missing"),
         (("simulated",), None, "simulated is missing"),

@@ -129,7 +129,7 @@ def test_every_sensor_is_compared_and_has_its_history(live, monkeypatch):
     page, line = live.pages["Recordings"], (np.array([0.0, 1.0]), np.array([0.0, 2.0]))
     for sensors in (4, 1, 3):
         monkeypatch.setattr(page.model, "comparison_lines", lambda n=sensors: ([[line, line]] * n, "1: a   2: b"))
-        monkeypatch.setattr(page.model, "sensitivities", lambda unit, n=sensors: [line] * n)
+        monkeypatch.setattr(page.model, "sensitivities", lambda unit, n=sensors: ([line] * n, "mV"))
         page._show_comparison()
         page._show_history()
         shown = [plot.title for plot in page.compare_card.plots if plot.item in page.compare_card.view.ci.items]

@@ -87,7 +87,7 @@ def test_units_are_those_of_the_board_in_use(tmp_path):
         model.follow(snapshot)
         model.scan()
         until(lambda: (model.poll(), model._future is None)[1])
-        return [(line[0], line[2]) for line in model.unit_lines], model.sensitivities("SA1")[0][1].tolist()
+        return [(line[0], line[2]) for line in model.unit_lines], model.sensitivities("SA1")[0][0][1].tolist()
 
     real, virtual = ("SA1", "40.0"), ("SA1  SIMULATED", "50.0")
     assert shown(idle()) == ([real, virtual], [40.0])

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any
 
@@ -82,6 +82,12 @@ class Verdict:
     def conformity(self) -> Conformity:
         """The statement on all limits together."""
         return worst_conformity(self.limits)
+
+    @property
+    def limits_state(self) -> VerdictState:
+        """How the limits alone are shown; a published one that is failed, of another design, is to be checked."""
+        state = _state_of(self.limits)
+        return VerdictState.CHECK if state is VerdictState.FAIL and not self.limits_set else state
 
     @property
     def check_count(self) -> str:
@@ -158,10 +164,8 @@ def verdict_of(analysis: Analysis, limits: Mapping[str, float] | None = None) ->
     """Return the verdict of a run; `limits` as of `acceptance.judge`, those of the user."""
     stated = limit_statements(analysis, limits)
     if not any(sensor.calibration for sensor in analysis.sensors) and analysis.elongations is None:
-        state = _state_of(stated)
-        if not limits and state is VerdictState.FAIL:
-            state = VerdictState.CHECK  # a sensor of another design has other limits than the published ones
-        return Verdict(VerdictCode.LIMITS, state, limits=stated, limits_set=bool(limits))
+        alone = Verdict(VerdictCode.LIMITS, limits=stated, limits_set=bool(limits))
+        return replace(alone, state=alone.limits_state)
     missed = tuple(
         f"{sensor_text(sensor.name)}: {', '.join(one.text for one in found)}"
         for sensor in analysis.sensors

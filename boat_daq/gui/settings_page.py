@@ -232,7 +232,7 @@ class SettingsPage(ReflowingPage):
         rows = self.forms[is_unit].rows
         cells = [self._change_cells(change, rows) for change in shown.changes]
         tips = [f"{change.utc}: {' '.join(row[1:])}" for change, row in zip(shown.changes, cells, strict=True)]
-        self.changes.fill(cells or [("", NO_CHANGE, "")], tips or [""])
+        self.changes.fill(cells or [(NO_CHANGE, "", "")], tips or [""])
 
     @staticmethod
     def _change_cells(change: StoredChange, rows: Mapping[str, ValueRow]) -> tuple[str, str, str]:

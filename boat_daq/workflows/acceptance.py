@@ -72,6 +72,7 @@ class RunVerdict:
     check_text: str = ""
     limits_text: str = ""
     readings: tuple[ReadingToCheck, ...] = ()
+    limits_state: str = "none"
 
     @classmethod
     def of(cls, found: Analysis) -> RunVerdict:
@@ -81,7 +82,7 @@ class RunVerdict:
         v = verdict_of(found)
         readings = tuple(ReadingToCheck(one.step, one.text) for one in v.readings)
         texts = v.headline, v.check_count, v.check_text, v.limits_text
-        return cls(str(v.code), str(v.state), *texts, readings)
+        return cls(str(v.code), str(v.state), *texts, readings, str(v.limits_state))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

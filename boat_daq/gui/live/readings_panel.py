@@ -8,7 +8,7 @@ from typing import Any
 
 from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelIndex, Qt, Signal
 from PySide6.QtGui import QFont, QGuiApplication, QKeyEvent, QKeySequence, QResizeEvent
-from PySide6.QtWidgets import QApplication, QBoxLayout, QCheckBox, QFrame, QTableView, QWidget
+from PySide6.QtWidgets import QApplication, QBoxLayout, QCheckBox, QFrame, QHeaderView, QTableView, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.engine.toml_values import read_text
@@ -24,7 +24,7 @@ from boat_daq.viewmodels.live.readings import SOON_S, TABLE_COLUMNS, ReadingsMod
 from boat_daq.viewmodels.live.run_model import RunModel
 from protocol.base.errors import RequestError
 
-EDITABLE = 3
+EDITABLE, REMARK = 3, 4  # columns
 BY_HAND, BY_PHOTOGRAPH, BY_CAMERA = "typed", "photograph", "camera"
 WAYS = (("Typed", BY_HAND), ("Photograph", BY_PHOTOGRAPH), ("Camera", BY_CAMERA))
 WAYS_TIP = "Where readings come from; each can be corrected in the table"
@@ -163,6 +163,8 @@ class ReadingBar(QFrame):
             self.simulated.setText("Simulate" if short else "Simulate reading")
             self.all.setText("All" if short else "At every plateau")
             self._show_unit()
+            self.answer.invalidate()  # Qt tells only the outer layout
+            self.lines.invalidate()
             if self.lines.minimumSize().width() <= self.width():
                 return
 
@@ -273,7 +275,14 @@ class ReadingsView(QTableView):
         self.setModel(rows)
         dress(self, "Readings of elongation")
         self.setAlternatingRowColors(True)
-        self.horizontalHeader().setStretchLastSection(True)
+        self.setProperty("role", "dense")
+        self.horizontalHeader().setProperty("role", "dense")
+        self.horizontalHeader().setSectionResizeMode(REMARK, QHeaderView.ResizeMode.Stretch)
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Leave the remarks to the tooltips in a narrow pane: pressures and readings are never cut."""
+        self.setColumnHidden(REMARK, self.width() < style.PANE_WIDTH_NARROW + 4 * style.STEP)
+        super().resizeEvent(event)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         """Handle paste and delete."""

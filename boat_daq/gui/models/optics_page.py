@@ -335,7 +335,7 @@ class StripCard(PlotCard):
             layer.set(place[chosen], merit[chosen])
         self.readout.setText("\u2605 best   \u25c6 paper's   filled: cannot be told from the best")
         self.plot.x_range(*axis.padded(1.0, float(len(order)), _STRIP_MARGIN))
-        self.plot.y_range(min(0.0, float(merit.min())) - _STRIP_MARGIN, 1.0 + 4 * _STRIP_MARGIN)
+        self.plot.y_range(min(0.0, float(merit.min())) - _STRIP_MARGIN, 1.0 + 8 * _STRIP_MARGIN)
 
     def columns(self) -> Columns:
         """Return every design of the sweep with its merit, rank, and whether it can be told from the best."""

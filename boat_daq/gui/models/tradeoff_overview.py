@@ -13,7 +13,7 @@ from PySide6.QtCore import QPointF, Qt
 
 from analysis.studies.tradeoff.measure import MARGIN
 from boat_daq.formatting import duration_text, number, quantity
-from boat_daq.gui.models.tradeoff_chart import NUMBER_ANCHOR, framed, limit_lines, log_card
+from boat_daq.gui.models.tradeoff_chart import LABEL_SHARE, NUMBER_ANCHOR, framed, limit_lines, log_card
 from boat_daq.gui.plotting.plot import sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.widgets import controls
@@ -27,6 +27,8 @@ SHARE_TIP = "The error in percent of the least that is noticeable; the rule acce
 _LEAST_SHARE = 0.05
 """Smaller errors are drawn here, so that the others are apart."""
 _KEY = "● a method   ■ a whole job   lower: more exact   further left: faster   click one to see its settings"
+_ANCHORS = NUMBER_ANCHOR, (-0.15, 0.0), (1.15, 1.0), (1.15, 0.0)  # of a number at its point, the best first
+_REACHES, _APART = (0.35, 0.2), (0.3, 0.13)  # decades of time and of error: to its middle, and to what it would cover
 _NUMBERS = {name: number for number, name in enumerate(METHOD_NAMES, 1)}
 
 
@@ -42,9 +44,12 @@ class OverviewCard(PlotCard):
             for job, symbol in ((False, "o"), (True, "s"))
         }
         self.noticed, accepted = limit_lines(self.plot)
+        for line, corner in ((self.noticed, (0, 1)), (accepted, (0, 0))):  # at the left, where points are few
+            line.label.anchors = [corner, corner]
+            line.label.setPosition(1.0 - LABEL_SHARE)
         self.noticed.setValue(math.log10(100.0))
         accepted.setValue(math.log10(100.0 / MARGIN))
-        self.numbers = self.plot.labels(NUMBER_ANCHOR)
+        self.numbers = [self.plot.labels(anchor) for anchor in _ANCHORS]
         self.inside.addWidget(controls.label(_KEY, "small", wrap=True, name="Key of the overview"))
         self.view.setCursor(Qt.CursorShape.PointingHandCursor)
         self.view.scene().sigMouseClicked.connect(lambda event: self.click(event.scenePos()))
@@ -63,8 +68,24 @@ class OverviewCard(PlotCard):
         x, y = np.array(list(self._at.values())).reshape(-1, 2).T
         self.plot.x_range(*framed(x))
         self.plot.y_range(*framed(np.append(y, self.noticed.value())))
-        self.numbers.set([(*at, str(_NUMBERS[name])) for name, at in self._at.items()])
+        for labels, placed in zip(self.numbers, self._numbers(), strict=True):
+            labels.set(placed)
         self.paint_theme(self.theme)
+
+    def _numbers(self) -> list[list[tuple[float, float, str]]]:
+        """Return the numbers for each anchor: each beside its point, where it covers no other point or number."""
+        placed: list[list[tuple[float, float, str]]] = [[] for _ in _ANCHORS]
+        taken = [*self._at.values()]
+        for name, (x, y) in sorted(self._at.items(), key=lambda place: place[1]):
+            middles = [(x + _REACHES[0] * (0.5 - right), y + _REACHES[1] * (top - 0.5)) for right, top in _ANCHORS]
+            free = [
+                all(abs(at[0] - u) > _APART[0] or abs(at[1] - v) > _APART[1] for u, v in taken if (u, v) != (x, y))
+                for at in middles
+            ]
+            best = free.index(True) if any(free) else 0
+            placed[best].append((x, y, str(_NUMBERS[name])))
+            taken.append(middles[best])
+        return placed
 
     def click(self, at: QPointF) -> None:
         """Show the method whose point is nearest to a place of the scene, where one is near."""

@@ -28,7 +28,9 @@ class WrappedTable(DataTable):
         for column in stretched:
             self.horizontalHeader().setSectionResizeMode(column, QHeaderView.ResizeMode.Stretch)
         self.setWordWrap(True)
-        self.horizontalHeader().sectionResized.connect(self._fit)
+        self.horizontalHeader().sectionResized.connect(
+            self._fit, Qt.ConnectionType.QueuedConnection
+        )  # to the last widths
 
     def fill(self, rows: Sequence[Sequence[Cell]], tips: Sequence[str] = ()) -> None:
         """Show other rows; parameters as of `DataTable`."""

@@ -95,7 +95,7 @@ class Row:
         mm = self.units.shown("mm")
         return (
             str(self.step.cycle) if self.step.cycle else NOTHING,
-            BRANCH_WORDS[self.step.branch],
+            BRANCH_WORDS[self.step.branch].partition(" ")[0],
             target(self.step.target_kpa, self.units).rpartition(" ")[0],
             "" if self.elongation_mm is None else number(mm.value(self.elongation_mm), mm.decimals(2)),
             self._remark[0] or self._far if self.apart_mm is None else f"{self._length(self.apart_mm, 1)}?",

@@ -397,7 +397,7 @@ class CalibrationModel:
         headline = in_shown_units(found.headline, self.shown_units)
         if self.working:
             return "", f"\u25cb {shown_text(headline)}"
-        state, text = verdict_text(found, headline)
+        state, text = verdict_text(found.state, headline)
         return state, f"\u2713 Accepted: {shown_text(headline)}" if self.accepted is not None else text
 
     def detail(self) -> str:

@@ -14,7 +14,7 @@ from analysis.numbers import decimals_for
 from analysis.warning import WarningCode
 from boat_daq.formatting import SUBSCRIPT, SUPERSCRIPT, count, number, sensor_words
 from boat_daq.viewmodels.results.run_result import RunResult
-from boat_daq.workflows.acceptance import Lack, RunVerdict, lack_text, lacking
+from boat_daq.workflows.acceptance import Lack, lack_text, lacking
 from protocol.base.units import MINUS, NOTHING, Quantity, ShownUnits, as_text
 
 Cells = tuple[str, ...]
@@ -50,9 +50,9 @@ def shown_text(text: str) -> str:
     return re.sub(r"(?<![\w.])-(?=\d)", MINUS, text[:1].upper() + text[1:])
 
 
-def verdict_text(found: RunVerdict, text: str) -> tuple[str, str]:
-    """Return state and marked text of a verdict, or of a part of it."""
-    state, mark = VERDICT_LOOKS[found.state]
+def verdict_text(verdict_state: str, text: str) -> tuple[str, str]:
+    """Return state and marked text of a verdict, or of its limits."""
+    state, mark = VERDICT_LOOKS[verdict_state]
     return state, f"{mark} {shown_text(text)}"
 
 

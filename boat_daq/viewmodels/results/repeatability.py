@@ -135,7 +135,8 @@ class RepeatabilityModel:
     def verdict(self) -> tuple[str, str]:
         """Return state and text of the verdict on the limits."""
         found = self.result.verdict if self.result is not None else None
-        return ("", "") if found is None or found.state == "none" else verdict_text(found, found.limits_text)
+        known = found is not None and found.limits_state != "none"
+        return verdict_text(found.limits_state, found.limits_text) if found is not None and known else ("", "")
 
     def follow_rename(self, old: Path, new: Path) -> None:
         """Keep the run that is shown under its new name."""

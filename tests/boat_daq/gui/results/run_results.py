@@ -15,7 +15,11 @@ from boat_daq.workflows.acceptance import ReadingToCheck, RunVerdict
 
 CYCLES = 8
 USABLE = RunVerdict(
-    "usable", "ok", "U = 0.13 mm (k = 2) from -2.7 to 3.8 mm", limits_text="all 8 published limits are kept"
+    "usable",
+    "ok",
+    "U = 0.13 mm (k = 2) from -2.7 to 3.8 mm",
+    limits_text="all 8 published limits are kept",
+    limits_state="ok",
 )
 X = np.linspace(-2.7, 3.8, 19)
 GRID = np.linspace(-2.7, 3.8, 161)

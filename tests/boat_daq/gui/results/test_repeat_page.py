@@ -10,7 +10,7 @@ import pytest
 
 from boat_daq.viewmodels.results.figure_tables import DRIFT_KEY, HYSTERESIS_KEY, SNR_KEY, BreakResult, RunFigure
 from boat_daq.workflows.jobs import JobFailure, JobState
-from tests.boat_daq.gui.results.run_results import CYCLES, run_result
+from tests.boat_daq.gui.results.run_results import CYCLES, USABLE, run_result
 from tests.boat_daq.gui.windows import NARROW
 
 
@@ -36,6 +36,10 @@ def test_one_plot_shows_a_figure_of_every_cycle_with_its_run(live):
         dataclasses.replace(made, sensors=(dataclasses.replace(made.sensors[0], cycles=known),))
     )
     live.refresh()
+    assert (page.verdict.text(), page.verdict.property("state")) == ("\u25cf All 8 published limits are kept", "ok")
+    missed = dataclasses.replace(USABLE, limits_text="hysteresis: 5.05 % FSO, conditional fail", limits_state="check")
+    live.model.repeatability.result = dataclasses.replace(live.model.repeatability.result, verdict=missed)
+    assert live.model.repeatability.verdict()[0] == "warning"  # of the limits, however usable the calibration is
     card = page.card
     cycles = list(range(1, CYCLES + 1))
     assert (card.sensors[0].x.tolist(), card.low_ends[0].x.tolist()) == (cycles, cycles)

@@ -29,12 +29,11 @@ from analysis.figures.pipeline import Analysis, analyse
 from analysis.figures.sensor_analysis import AnalysedRun, Options, SensorAnalysis
 from analysis.figures.uncertainty import Budget
 from analysis.segmentation.cycle_effect import CycleEffect
+from analysis.stopping.requirement import FEWEST_REPEATS
 from protocol.base.arrays import FloatArray
 from protocol.base.uncertainty import COVERAGE_FACTOR
 
 FEWEST_CYCLES = 2
-FEWEST_REPEATS = 10
-"""Cycles of a repeatability run before it may end: fewer leave the widths of the intervals themselves uncertain."""
 _CONFIDENCE = 0.9
 """One-sided, of the limit of what the cycles may differ by in U that ends a run: by its coverage."""
 DRIFT, SPREAD = "drift_percent_fso_per_100_cycles", "repeatability_percent_fso"

@@ -8,6 +8,8 @@ from protocol.base.errors import RequestError
 
 UNIT_OF_REQUIREMENT = {"staircase": "mm", "continuous": "% FSO"}
 """Units of the uncertainty at which a run ends, by the kind of its plan: plans of other kinds have none."""
+FEWEST_REPEATS = 10
+"""Cycles of a repeatability run before it may end: fewer leave the widths of the intervals themselves uncertain."""
 EXAMPLES = {"mm": "0.08", "% FSO": "0.5"}
 
 

@@ -4,8 +4,8 @@ Of a plan with plateaus that is U of an elongation in mm, of one without it is t
 and repeatability in % FSO. Until then a plan with plateaus holds those that lower U most, and passes the others.
 
 The run is analysed after each complete cycle, in a process of its own, so that the analysis delays neither samples nor
-the window. A plan with plateaus holds the last level meanwhile, so that its end does not depend on the speed of board
-and computer; a continuous one goes on.
+the window. The run holds the last level meanwhile, so that its end does not depend on the speed of board and computer;
+a continuous one, whose next cycle such a hold may change, only from the cycle on after which it may end.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from analysis.stopping.requirement import UNIT_OF_REQUIREMENT, check_asked
+from analysis.stopping.requirement import FEWEST_REPEATS, UNIT_OF_REQUIREMENT, check_asked
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
@@ -26,6 +26,7 @@ from protocol.base.errors import BoatDaqError, RequestError
 if TYPE_CHECKING:
     from analysis.stopping.criterion import StopAssessment
 
+FIRST_HELD = {UNIT_OF_REQUIREMENT["staircase"]: 1, UNIT_OF_REQUIREMENT["continuous"]: FEWEST_REPEATS}  # cycle, by unit
 ASSESSING = "Assessing the uncertainty"  # what the process of an assessment does
 
 
@@ -112,7 +113,7 @@ class EnoughCycles:
         if not progress.complete_cycles:
             self.ended_by = None  # that of the run before
         if not self._stopping:
-            self._session.stop_at_cycles(on=True)
+            self._session.stop_at_cycles(on=True, first=FIRST_HELD[asked[1]])
             self._stopping = True
         if self._job is not None and self._job.poll() is not JobState.RUNNING:
             self._take(self._job, progress.complete_cycles)
@@ -158,13 +159,13 @@ class EnoughCycles:
             self.ended_by = job.result if complete_cycles == self._cycles else None
         else:
             self._session.hold_at(job.result.hold)
-            self._session.next_cycle()
+            self._session.next_cycle(self._cycles)
 
     def _not_known(self, cause: str) -> None:
         """Report why the latest cycle has no assessment, and show it until a later one has."""
         self.unknown = f"U is not known after {count(self._cycles, 'cycle')}: {cause}"
         self._report(self.unknown)
-        self._session.next_cycle()
+        self._session.next_cycle(self._cycles)
 
     def at_end(self, recording: Path, plan: Plan) -> EndUncertainty | None:
         """Assess all complete cycles of a run that has ended; return None where no uncertainty was asked for."""

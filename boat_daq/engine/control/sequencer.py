@@ -103,7 +103,7 @@ class Sequencer:
         self._first_cycle = 1
         self._wait_for_reading = False
         self._held: frozenset[tuple[str, float]] | None = None
-        self._stops_at_cycles = False
+        self._stops_from: int | None = None  # complete cycles from which each end of a cycle is held
         self._assessed_since_us: int | None = None  # the end of a cycle that awaits its assessment
         self._queue: deque[PlannedStep] = deque()
         self._step: PlannedStep | None = None
@@ -138,7 +138,7 @@ class Sequencer:
         self.state, self.plan = SessionState.ARMED, plan
         self._wait_for_reading, self.cycle, self.incomplete_cycles = wait_for_reading, 0, ()
         self._first_cycle, self.complete_cycles = resume_at
-        self._held, self._stops_at_cycles, self._assessed_since_us = None, False, None
+        self._held, self._stops_from, self._assessed_since_us = None, None, None
 
     def disarm(self) -> None:
         """Discard an armed plan; nothing happens in any other state."""
@@ -196,15 +196,18 @@ class Sequencer:
         self._held = None if plateaus is None else frozenset(plateaus)
         self._queue = deque(self._as_held(step) for step in self._queue)
 
-    def stop_at_cycles(self, *, on: bool) -> None:
-        """Hold the last level of each cycle of a plan with plateaus until `next_cycle`; off releases a held one."""
-        self._stops_at_cycles = on and self.plan is not None and self.plan.kind == "staircase"
+    def stop_at_cycles(self, *, on: bool, first: int = 1) -> None:
+        """Hold the last level of each cycle from `first` on until `next_cycle`; off releases a held one.
+
+        That of a continuous plan is where it turns; a profile holds none.
+        """
+        self._stops_from = first if on and self.plan is not None and self.plan.kind != "profile" else None
         if not on:
             self.next_cycle()
 
-    def next_cycle(self) -> None:
-        """Begin the next cycle where the run holds for it; nothing happens elsewhere."""
-        if self._assessed_since_us is not None:
+    def next_cycle(self, assessed: int | None = None) -> None:
+        """Begin the next cycle where the run holds for it; with `assessed`, only after no more complete cycles."""
+        if self._assessed_since_us is not None and (assessed is None or self.complete_cycles <= assessed):
             self._assessed_since_us = None
             self._begin_cycle()
 
@@ -322,7 +325,7 @@ class Sequencer:
             return
         if self._queue:
             self._begin()
-        elif mark.cycle and self._stops_at_cycles:
+        elif mark.cycle and self._stops_from is not None and self.complete_cycles >= self._stops_from:
             self._watch, self._step, self._assessed_since_us = None, None, self._time_us
         else:
             self._begin_cycle()

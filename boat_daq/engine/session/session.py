@@ -344,15 +344,15 @@ class Session:
         with self._acting() as control:
             control.sequencer.hold_at(plateaus)
 
-    def stop_at_cycles(self, *, on: bool) -> None:
+    def stop_at_cycles(self, *, on: bool, first: int = 1) -> None:
         """Hold the last level of each cycle until `next_cycle`, as `Sequencer.stop_at_cycles`."""
         with self._acting() as control:
-            control.sequencer.stop_at_cycles(on=on)
+            control.sequencer.stop_at_cycles(on=on, first=first)
 
-    def next_cycle(self) -> None:
-        """Begin the next cycle of a run that holds for it."""
+    def next_cycle(self, assessed: int | None = None) -> None:
+        """Begin the next cycle of a run that holds for it, as `Sequencer.next_cycle`."""
         with self._acting() as control:
-            control.sequencer.next_cycle()
+            control.sequencer.next_cycle(assessed)
 
     def taken(self) -> int:
         """Return how much was handed to the recording so far, for `written`."""

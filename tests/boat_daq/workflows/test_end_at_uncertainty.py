@@ -68,8 +68,8 @@ def model(ended: list[str], held: list[Any], monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(end_at_uncertainty, "Job", Done)
     monkeypatch.setattr(Done, "failure", None)
     session = SimpleNamespace(
-        finish_early=ended.append, hold_at=held.append, stop_at_cycles=lambda on: None, next_cycle=lambda: None,
-        taken=lambda: 1, written=lambda taken: True,
+        finish_early=ended.append, hold_at=held.append, stop_at_cycles=lambda on, first=1: None,
+        next_cycle=lambda assessed: None, taken=lambda: 1, written=lambda taken: True,
     )  # fmt: skip
     made = EnoughCycles(cast(Any, session))
     made.ask(0.08, "mm")
@@ -100,18 +100,24 @@ def test_run_waits_at_the_end_of_each_cycle_for_its_assessment(model: EnoughCycl
     """Asked once to hold its last level; released by each assessment, by one that fails, and where no U is asked."""
     asked: list[Any] = []
     session = cast(Any, model._session)
-    session.stop_at_cycles, session.next_cycle = lambda *, on: asked.append(on), lambda: asked.append("next")
+    session.stop_at_cycles = lambda *, on, first=1: asked.append(on and first)
+    session.next_cycle = asked.append
     Done.result = known(1, 0.1, 0.07)
     model.follow(snapshot(0))
     model.follow(snapshot(1))
-    assert asked == [True]  # it is being assessed: the level is held
+    assert asked == [1]  # it is being assessed: the level is held
     model.follow(snapshot(1))
-    assert asked == [True, "next"]
+    assert asked == [1, 1]
     model._not_known("the analysis failed")
-    assert asked == [True, "next", "next"]
+    assert asked == [1, 1, 1]
     model.ask(None, "mm")
     model.follow(snapshot(1))
     assert asked[3:] == [False]
+    model.ask(0.5, "% FSO")
+    continuous = snapshot(0)
+    continuous.plan.kind = "continuous"
+    model.follow(continuous)
+    assert asked[4:] == [10]  # it may end after ten cycles
 
 
 def test_what_cannot_be_reached_or_assessed_is_reported(model: EnoughCycles, ended: list[str]) -> None:

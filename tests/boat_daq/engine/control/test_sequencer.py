@@ -459,6 +459,24 @@ def test_run_holds_the_last_level_of_a_cycle_until_it_is_assessed() -> None:
     assert {m.status for m in rig.marks.values()} == {"reached"}
 
 
+def test_a_continuous_run_holds_where_it_turns_from_the_cycle_on_that_may_end_it() -> None:
+    """Earlier cycles follow one another; an assessment of fewer cycles than are complete releases none."""
+    rig = Rig(dataclasses.replace(PLAN, kind="continuous", cycles=4))
+    rig.sequencer.stop_at_cycles(on=True, first=2)
+    rig.run(200)
+    seen = rig.sequencer.progress()
+    assert (seen.phase, seen.complete_cycles, rig.pressure) == (Phase.ASSESSING, 2, PLAN.high_kpa)
+    rig.sequencer.next_cycle(1)
+    rig.run(20)
+    assert rig.sequencer.progress().phase is Phase.ASSESSING
+    rig.sequencer.next_cycle(2)
+    rig.run(200)
+    assert (rig.sequencer.progress().phase, rig.sequencer.complete_cycles) == (Phase.ASSESSING, 3)
+    rig.sequencer.finish_early("known well enough")
+    rig.run(20)
+    assert (rig.ended, rig.sequencer.incomplete_cycles) == ([RunEnding(RunEnd.FINISHED)], ())
+
+
 @pytest.mark.parametrize("leave", ["pause", "off", "late", "stop"])
 def test_a_held_cycle_is_left_by_any_way(leave: str) -> None:
     """Paused it is vented and resumes; with no U asked, or after half an hour, the next begins; or it stops."""

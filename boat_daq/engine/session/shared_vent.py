@@ -30,7 +30,7 @@ FOLDER = "open sessions"
 ANSWER_S = 1.0
 VENT, _NAME = "vent", "name"
 _LINE_MAX = 400  # bytes of a request or an answer
-_FILES_MAX = 50
+_AT_ONCE = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,10 +101,8 @@ class SharedVent:
         return f"{request} {self._name()}\n".encode()[:_LINE_MAX]
 
     def _ask(self, request: str) -> list[VentAnswer]:
-        files = [path for path in sorted(self._folder.glob("*.json"))[:_FILES_MAX] if path != self._file]
-        if not files:
-            return []
-        with ThreadPoolExecutor(len(files)) as pool:  # at the same time: one that does not answer delays no other
+        files = [path for path in sorted(self._folder.glob("*.json")) if path != self._file]
+        with ThreadPoolExecutor(_AT_ONCE) as pool:  # at the same time: one that does not answer delays no other
             found = pool.map(lambda path: _request(path, request), files)
             return [answer for answer in found if answer is not None]
 

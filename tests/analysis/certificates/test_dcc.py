@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -61,7 +62,9 @@ def check_numbers(certificate: Certificate, xml: str) -> int:
                 expected = {label: [level[key] for level in levels] for label, key in OF_LEVELS.items()}
                 off = {"Pressure": [0.005], "Signal": [0.005]}
                 u_mm = expected["U of Deviation"]
-                for label, values in found[f"levels: {branch}"].items():
+                table = found.get(f"levels: {branch}", {})
+                assert set(table) == (set(expected) if levels else set())
+                for label, values in table.items():
                     most = off.get(label) or [0.0501 * u for u in u_mm]
                     assert (np.abs(np.subtract(values, expected[label])) <= most).all(), label
                     assert all(len(f"{value}") <= 9 for value in values), label
@@ -93,6 +96,39 @@ def test_every_number_of_the_dcc_is_that_of_the_json(calibration: Analysis) -> N
     assert [element.text for element in root.iter(f"{DCC}conformity")] == ["pass", "fail"]
     assert "SIMULATED" not in xml
     assert root.find("{http://www.w3.org/2000/09/xmldsig#}Signature") is None
+
+
+def test_names_units_and_statements_are_those_stated(calibration: Analysis) -> None:
+    """The contact, the signatory, standards by clause, units by power of x, the side of each limit, the coverage."""
+    laboratory = replace(REQUEST.laboratory, email="cal@lab.example", phone="+49 1", signatory="Ada")
+    certificate = certificate_of([with_meta(calibration, note="")], replace(REQUEST, laboratory=laboratory))
+    xml = dcc_xml(certificate)
+    assert xml.splitlines()[1].startswith("<dcc:digitalCalibrationCertificate ")
+    root = ET.fromstring(xml)
+    contact = root.find(f".//{DCC}calibrationLaboratory/{DCC}contact")
+    assert [contact.find(f"{DCC}{name}").text for name in ("eMail", "phone")] == ["cal@lab.example", "+49 1"]
+    assert name_of(root.find(f".//{DCC}respPerson/{DCC}person")) == "Ada"
+    statements = root.findall(f".//{DCC}statement")
+    clauses = [(one.findtext(f"{DCC}norm"), one.findtext(f"{DCC}reference")) for one in statements]
+    iso, rule = "ISO/IEC 17025:2017", ("ILAC-G8:09/2019", "4.2.3")
+    assert clauses == [(iso, "7.8.2.1"), (iso, "7.8.4.1"), (None, None), rule]
+    units = {name_of(one): one.findtext(f".//{SI}unitXMLList") for one in root.iter(f"{DCC}quantity")}
+    mv, per = r"\milli\volt", r"\milli\metre\tothe{-%d}"
+    assert root.findtext(f".//{DCC}latex") == "y = b_0 x^0+b_1 x^1+b_2 x^2+b_3 x^3"
+    assert units["Coefficients b0, b1, ..."].split() == [mv, *(mv + per % k for k in (1, 2, 3))]
+    assert units["Covariance of b2"].split() == [rf"{mv}\tothe{{2}}{per % k}" for k in (2, 3, 4, 5)]
+    sides = [one.get("refType") for one in root.iter(f"{DCC}quantity") if "cceptanceLimit" in one.get("refType", "")]
+    assert sides == ["basic_acceptanceLimitUpper", "basic_acceptanceLimitLower"]  # of hysteresis, of the SNR
+    probability = [float(word) for one in root.iter(f"{SI}coverageProbabilityXMLList") for word in one.text.split()]
+    by_branch: dict[str, list[float]] = {}
+    for level in certificate.items[0].sensors[0].levels:
+        by_branch.setdefault(level.branch, []).append(round(level.coverage, 4))
+    assert probability == [value for values in by_branch.values() for value in values]
+
+
+def test_without_limits_there_is_no_decision_rule(calibration: Analysis) -> None:
+    xml = dcc_xml(certificate_of([with_meta(calibration, note="")], replace(REQUEST, limits={})))
+    assert "Decision rule" not in xml and "ILAC" not in xml
 
 
 def test_dates_and_conditions_are_those_of_all_items(calibration: Analysis) -> None:
@@ -135,6 +171,7 @@ def test_dcc_of_a_comparison_of_three_units(calibration: Analysis) -> None:
 def test_simulated_run_is_named_so_in_number_item_results_and_statement(calibration: Analysis) -> None:
     xml = dcc_xml(certificate_of([with_meta(calibration, simulated=True, note="")], REQUEST))
     root = ET.fromstring(xml)
+    assert xml.index("<!--SIMULATED") < xml.index("<dcc:administrativeData")
     assert root.find(f".//{DCC}uniqueIdentifier").text.startswith("SIMULATED-")
     for path in (f".//{DCC}item/{DCC}name", f".//{DCC}statement/{DCC}name", f".//{DCC}result/{DCC}name"):
         assert all("SIMULATED" in "".join(found.itertext()) for found in root.findall(path))

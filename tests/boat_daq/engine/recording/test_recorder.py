@@ -18,14 +18,33 @@ from boat_daq.engine.plan import StepMark
 from boat_daq.engine.qualification.drill_rig import slow_commits
 from boat_daq.engine.recording.closed_run import append_reading
 from boat_daq.engine.recording.recorder import Recorder
-from boat_daq.engine.recording.rows import reading_row, step_row
+from boat_daq.engine.recording.rows import (
+    INSERT_BLOCK,
+    INSERT_EVENT,
+    INSERT_OVERVIEW,
+    INSERT_SEGMENT,
+    RowMaker,
+    reading_row,
+    step_row,
+)
 from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.engine.snapshot import CameraReading
-from protocol import CommandDone, Start
+from protocol import CommandDone, Connection, Samples, SetPressure, Start
 from protocol.base.errors import RequestError, StorageError
-from protocol.recording import APPLICATION_ID, SESSION_KEYS, RunEnd, open_recording, read_session
+from protocol.link.events import BoardEventReceived, BoardRestarted, ClockWentBack, SampleGap
+from protocol.link.messages import AckStatus, BoardEvent, EventCode
+from protocol.recording import (
+    APPLICATION_ID,
+    SESSION_KEYS,
+    RunEnd,
+    describe_dtype,
+    open_recording,
+    read_session,
+    sample_dtype,
+)
 from tests.boat_daq.engine.board_link import meta_of, urgent_nice
 from tests.boat_daq.engine.recording_source import Source, add_step, begin, reading, rows, stored_samples
+from tests.protocol.link.streams import HELLO
 
 
 def test_samples_and_bytes_are_in_the_file_as_they_came(recorder, source, path):
@@ -166,6 +185,85 @@ def test_a_start_answered_late_begins_its_segment_with_its_first_sample(path):
     assert rows(path, "SELECT segment, sum(n) FROM block GROUP BY segment") == [(1, 10), (2, acknowledged - 10)]
     assert rows(path, "SELECT count(*) FROM event WHERE kind = 'start_hz'") == [(1,)]
     assert verify_recording(path).identical
+
+
+class Stream:
+    """Row maker of one link, fed with the events of blocks of one byte, and the rows that it gave."""
+
+    def __init__(self) -> None:
+        self.dtype = sample_dtype(2, "counts")
+        meta = {**meta_of(Source().link), "sample_dtype": describe_dtype(self.dtype)}
+        self.maker, self.rows = RowMaker(meta), []
+        self.time_us = 0
+
+    def __call__(self, *events, raw: bytes = b"x", sent: bool = False) -> None:
+        self.rows += self.maker.block(Block(7, raw, sent=sent, events=events))
+
+    def samples(self, *index: int) -> Samples:
+        found = np.zeros(len(index), self.dtype)
+        found["index"] = index
+        found["time_us"] = self.time_us + 10 * np.arange(1, len(index) + 1)
+        self.time_us += 10 * len(index)
+        return Samples(found)
+
+    def of(self, statement: str) -> list[tuple]:
+        return [values for sql, values in self.rows if sql == statement]
+
+
+def test_segments_begin_in_the_chunk_of_their_first_sample() -> None:
+    """After a restart, a clock that went back, and a START that is answered late, once each."""
+    of = Stream()
+    of(of.samples(4, 5))
+    of(BoardRestarted(None))
+    of(of.samples(0, 1))
+    of(ClockWentBack(50), of.samples(2))
+    of(raw=Connection().send(Start(100), 0), sent=True)
+    of(of.samples(3, 4, 0, 1))
+    of(of.samples(0, 1))  # no second START: no second segment
+    of(CommandDone(Start(100), 0, AckStatus.DONE))
+    of.rows += of.maker.flush(last=True)
+    found = [(segment, chunk, reason) for segment, _, chunk, reason, *_ in of.of(INSERT_SEGMENT)]
+    assert found == [(1, 1, "opened"), (2, 2, "board restarted"), (3, 4, "clock went back"), (4, 6, "started")]
+    kept = [(segment, n, first_us, last_us) for _, segment, _, n, first_us, last_us, *_ in of.of(INSERT_BLOCK)]
+    assert kept == [(1, 2, 10, 20), (2, 2, 30, 40), (3, 3, 50, 70), (4, 4, 80, 110)]
+    shown = [(segment, n, first_us, last_us) for _, segment, _, _, n, first_us, last_us, *_ in of.of(INSERT_OVERVIEW)]
+    assert shown == kept  # no row of two segments
+    assert of.maker.samples == 11
+
+
+def test_a_restart_ends_the_start_before_it() -> None:
+    """A board that restarts between START and its answer: its samples from 0 are of the restart's segment."""
+    of = Stream()
+    of(of.samples(4, 5))
+    of(raw=Connection().send(Start(100), 0), sent=True)
+    of(BoardRestarted(HELLO))
+    of(of.samples(0, 1))
+    of(CommandDone(Start(100), 0, AckStatus.DONE))
+    assert [row[3] for row in of.of(INSERT_SEGMENT)] == ["opened", "board restarted", "started"]
+
+
+def test_the_overview_has_a_row_of_each_thousand_samples() -> None:
+    of = Stream()
+    for n in range(5):
+        of(of.samples(*range(500 * n, 500 * n + 500)))
+        of.rows += of.maker.flush()
+    assert [row[2:7] for row in of.of(INSERT_OVERVIEW)] == [(1, 2, 1000, 10, 10_000), (3, 4, 1000, 10_010, 20_000)]
+
+
+def test_events_have_their_value_and_time() -> None:
+    """Sensors count from 1; what happened at no sample of its own is given the newest one's time."""
+    of = Stream()
+    of(of.samples(0, 1))
+    of(SampleGap(3, 9, 15), BoardEventReceived(BoardEvent(1, EventCode.SENSOR_SATURATED, 0), 12))
+    of(BoardEventReceived(BoardEvent(1, EventCode.OVER_PRESSURE, 60_000), 13))
+    of(CommandDone(SetPressure(5_000, 0), 1, AckStatus.DONE))
+    of(CommandDone(SetPressure(9_000, 0), 1, AckStatus.OUT_OF_LIMITS))
+    of(BoardRestarted(dataclasses.replace(HELLO, boot_reason=2)))
+    found = [(kind, value, time_us) for _, _, _, time_us, _, kind, value, _ in of.of(INSERT_EVENT)]
+    assert found == [
+        ("gap", 3, 15), ("sensor_saturated", 1, 12), ("over_pressure_pa", 60_000, 13), ("set_pressure_pa", 5_000, 20),
+        ("refused", AckStatus.OUT_OF_LIMITS, 20), ("restarted", 2, None),
+    ]  # fmt: skip
 
 
 def test_steps_grow_and_readings_are_corrected_by_newer_ones(recorder, source, path):

@@ -96,6 +96,49 @@ def test_only_its_own_answer_says_that_another_has_vented(join, tmp_path, answer
     other.close()
 
 
+@pytest.mark.parametrize("answers", [True, False])
+def test_a_file_that_another_window_removes_first_is_no_failure(join, tmp_path, monkeypatch, answers):
+    """Two windows ask at once about a process that was killed, its port free or another program's."""
+    take_part, vented = join
+    one = take_part("SA1")
+    take_part("SA2")
+    path = tmp_path / FOLDER / "gone.json"
+    gone = socket.create_server(("127.0.0.1", 0))
+    port = gone.getsockname()[1]
+    path.write_text(json.dumps({"port": port, "key": "x"}), encoding="utf-8")
+    connect = socket.create_connection
+
+    def removed_meanwhile(address, timeout):
+        if address[1] != port:
+            return connect(address, timeout)
+        path.unlink()
+        if not answers:
+            raise ConnectionRefusedError
+        near, far = socket.socketpair()
+        far.shutdown(socket.SHUT_WR)  # it closes without a word
+        far.detach()
+        return near
+
+    monkeypatch.setattr(shared_vent.socket, "create_connection", removed_meanwhile)
+    assert one.vent_others() == [VentAnswer("SA2", vented=True)]
+    assert vented == ["SA2"]
+    gone.close()
+
+
+def test_many_killed_processes_hide_no_other(join, tmp_path):
+    """Files of sixty, all before those of the session that is there, by name."""
+    take_part, vented = join
+    one, _ = take_part("SA1"), take_part("SA2")
+    gone = socket.create_server(("127.0.0.1", 0))
+    content = json.dumps({"port": gone.getsockname()[1], "key": "x"})
+    gone.close()
+    for n in range(60):
+        (tmp_path / FOLDER / f"0-{n}.json").write_text(content, encoding="utf-8")
+    assert one.vent_others() == [VentAnswer("SA2", vented=True)]
+    assert vented == ["SA2"]
+    assert len(list((tmp_path / FOLDER).iterdir())) == 2
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL and SIGSTOP")
 def test_killed_process_is_left_out(join, tmp_path):
     """A second process takes part, vents on request while its main thread is busy, and is gone once it is killed."""
@@ -106,10 +149,11 @@ def test_killed_process_is_left_out(join, tmp_path):
         "from boat_daq.engine.session.shared_vent import SharedVent\n"
         "s = SharedVent(lambda: print('vented', flush=True), lambda: 'SA2', pathlib.Path(sys.argv[1]))\n"
         "print('ready', flush=True)\n"
-        "time.sleep(60)\n"
+        "time.sleep(float(sys.argv[2]))\n"
     )
     command = [sys.executable, "-c", code, str(tmp_path)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as other:
+    subprocess.run([*command, "0"], check=True, timeout=30)  # it ends though it closes nothing
+    with subprocess.Popen([*command, "60"], stdout=subprocess.PIPE, text=True) as other:
         assert other.stdout.readline() == "ready\n"
         assert one.vent_others() == [VentAnswer("SA2", vented=True)]
         assert other.stdout.readline() == "vented\n"

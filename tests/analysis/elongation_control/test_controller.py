@@ -96,6 +96,7 @@ def test_a_late_period_counts_as_two_at_most():
         grown.append(controller._offset - before)
     assert grown == pytest.approx([grown[0], 2.0 * grown[0], 2.0 * grown[0]], rel=1e-6)
     assert grown[0] > 0.0
+    assert math.isfinite(controller.advance(at_s, at_s, (0.5, 0.0, 0.0), seen, WIDE).pressure_kpa)  # no time at all
 
 
 def test_setpoint_outside_the_calibrated_range_is_refused():

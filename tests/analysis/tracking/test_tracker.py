@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from analysis.tracking.lens import Picture
-from analysis.tracking.marks import PictureFault
-from analysis.tracking.tracker import LEARNED_PICTURES, MarkTracker, Optics, Tracked
+from analysis.tracking.marks import Mark, PictureFault
+from analysis.tracking.tracker import LEARNED_PICTURES, MarkTracker, Optics, Plane, Tracked, similarity, square
 from boat_daq.engine.simulator.picture import FAULTLESS, CameraScene, Disturbance, Renderer
 from protocol.base.errors import DataError
 from tests.analysis.tracking.filmed_run import SMALL
@@ -58,6 +58,44 @@ def test_elongation_is_that_of_the_picture_within_its_uncertainty(renderer: Rend
     error = np.array([one.elongation_mm for one in found]) - true
     assert float(np.sqrt((error**2).mean())) < 0.005
     assert all(abs(e) < 3 * one.u_mm for e, one in zip(error, found, strict=True))
+
+
+@pytest.mark.parametrize(("base_px", "tip_px"), [(0.3, 0.0), (0.0, 0.3)])
+def test_uncertainty_is_the_scatter_of_readings(base_px: float, tip_px: float) -> None:
+    """Corners that scatter, of one mark alone: 2000 readings scatter as they state."""
+    tracker = MarkTracker(Optics(10.0))
+    tip_mm = np.array([0.0, 5.0])
+    tracker.plane = Plane(np.diag([0.1, 0.1, 1.0]), tip_mm, np.array([0.0, 1.0]), 0.1, 0.0)
+    tracker._size = 1.0
+    rng, found = np.random.default_rng(0), []
+    for _ in range(2000):
+        marks = []
+        for corners, sd in ((square(10.0), base_px), (square(10.0) + tip_mm, tip_px)):
+            corners_px = corners * 10.0 + rng.normal(0.0, sd, (4, 2)) if sd else corners * 10.0
+            marks.append(Mark(corners_px, corners_px, 0.0, 1.0))
+        found.append(tracker._elongation(marks[0], marks[1], 0.0))
+    stated = np.sqrt(np.mean([one.u_mm**2 for one in found]))
+    assert np.std([one.elongation_mm for one in found]) == pytest.approx(stated, rel=0.06)
+
+
+def test_similarity_leaves_what_no_turn_explains() -> None:
+    """Of a square: a corner that moved alone, by least squares; a turned one twice as large, nothing."""
+    points = square(10.0)
+    turned = points @ np.array([[0.0, 2.0], [-2.0, 0.0]]) + 3.0
+    assert similarity(points, turned)[2] == pytest.approx(0.0, abs=1e-9)
+    z = points @ np.array([1.0, 1.0j])
+    moved = points + np.array([[0.4, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
+    design = np.column_stack([z, np.ones(4)])
+    left = np.linalg.lstsq(design, moved @ np.array([1.0, 1.0j]), rcond=None)[1][0]
+    assert similarity(points, moved)[2] == pytest.approx(np.sqrt(left / 4.0))
+
+
+def test_scale_and_its_uncertainty_are_those_of_the_marks(renderer: Renderer, learned: MarkTracker) -> None:
+    """The default side is known to 0.02 mm; without a calibrated lens the scale to 0.2 %."""
+    plane = learned.plane
+    assert plane is not None
+    assert plane.mm_per_px == pytest.approx(1.0 / SMALL.px_per_mm, rel=5e-3)
+    assert np.hypot(0.02 / SMALL.mark_mm, 0.002) <= plane.u_scale < 1.5 * np.hypot(0.02 / SMALL.mark_mm, 0.002)
 
 
 def test_a_shaken_camera_cancels(renderer: Renderer, learned: MarkTracker) -> None:

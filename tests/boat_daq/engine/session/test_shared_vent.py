@@ -22,7 +22,7 @@ def join(tmp_path):
     joined, vented = [], []
 
     def take_part(name: str) -> SharedVent:
-        joined.append(SharedVent(lambda: vented.append(name), lambda: name, tmp_path))
+        joined.append(SharedVent(lambda: vented.append(name), lambda: name, tmp_path / "home"))
         return joined[-1]
 
     yield take_part, vented
@@ -39,14 +39,16 @@ def test_every_other_session_is_vented_and_confirms(join, tmp_path):
     assert sorted(vented) == ["SA2", "SA3"]
     three.close()
     assert two.others() == ["SA1"]
-    assert all(path.stat().st_mode & 0o077 == 0 for path in (tmp_path / FOLDER).iterdir() if os.name == "posix")
+    assert all(
+        path.stat().st_mode & 0o077 == 0 for path in (tmp_path / "home" / FOLDER).iterdir() if os.name == "posix"
+    )
 
 
 def test_a_stranger_vents_nothing(join, tmp_path):
     """Without the key a request is not answered: neither another user's nor a wrong one."""
     take_part, vented = join
     take_part("SA1")
-    content = json.loads(next((tmp_path / FOLDER).iterdir()).read_text(encoding="utf-8"))
+    content = json.loads(next((tmp_path / "home" / FOLDER).iterdir()).read_text(encoding="utf-8"))
     for line in (b"vent\n", b"0000 vent\n", b"\xff\xfe\n"):
         with socket.create_connection(("127.0.0.1", content["port"]), timeout=5) as link:
             link.sendall(line)
@@ -61,7 +63,7 @@ def test_one_that_does_not_answer_delays_no_other(join, tmp_path, monkeypatch):
     one = take_part("SA1")
     take_part("SA2")
     hangs = socket.create_server(("127.0.0.1", 0))
-    folder = tmp_path / FOLDER
+    folder = tmp_path / "home" / FOLDER
     (folder / "hangs.json").write_text(json.dumps({"port": hangs.getsockname()[1], "key": "x"}), encoding="utf-8")
     (folder / "broken.json").write_text("{", encoding="utf-8")
     gone = socket.create_server(("127.0.0.1", 0))
@@ -90,7 +92,7 @@ def test_only_its_own_answer_says_that_another_has_vented(join, tmp_path, answer
     thread = threading.Thread(target=reply)
     thread.start()
     content = json.dumps({"port": other.getsockname()[1], "key": "x"})
-    (tmp_path / FOLDER / "other.json").write_text(content, encoding="utf-8")
+    (tmp_path / "home" / FOLDER / "other.json").write_text(content, encoding="utf-8")
     assert one.vent_others() == [VentAnswer("SA9", vented=False)]
     thread.join(5)
     other.close()
@@ -102,7 +104,7 @@ def test_a_file_that_another_window_removes_first_is_no_failure(join, tmp_path, 
     take_part, vented = join
     one = take_part("SA1")
     take_part("SA2")
-    path = tmp_path / FOLDER / "gone.json"
+    path = tmp_path / "home" / FOLDER / "gone.json"
     gone = socket.create_server(("127.0.0.1", 0))
     port = gone.getsockname()[1]
     path.write_text(json.dumps({"port": port, "key": "x"}), encoding="utf-8")
@@ -133,10 +135,10 @@ def test_many_killed_processes_hide_no_other(join, tmp_path):
     content = json.dumps({"port": gone.getsockname()[1], "key": "x"})
     gone.close()
     for n in range(60):
-        (tmp_path / FOLDER / f"0-{n}.json").write_text(content, encoding="utf-8")
+        (tmp_path / "home" / FOLDER / f"0-{n}.json").write_text(content, encoding="utf-8")
     assert one.vent_others() == [VentAnswer("SA2", vented=True)]
     assert vented == ["SA2"]
-    assert len(list((tmp_path / FOLDER).iterdir())) == 2
+    assert len(list((tmp_path / "home" / FOLDER).iterdir())) == 2
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL and SIGSTOP")
@@ -151,7 +153,7 @@ def test_killed_process_is_left_out(join, tmp_path):
         "print('ready', flush=True)\n"
         "time.sleep(float(sys.argv[2]))\n"
     )
-    command = [sys.executable, "-c", code, str(tmp_path)]
+    command = [sys.executable, "-c", code, str(tmp_path / "home")]
     subprocess.run([*command, "0"], check=True, timeout=30)  # it ends though it closes nothing
     with subprocess.Popen([*command, "60"], stdout=subprocess.PIPE, text=True) as other:
         assert other.stdout.readline() == "ready\n"
@@ -160,6 +162,7 @@ def test_killed_process_is_left_out(join, tmp_path):
         other.send_signal(signal.SIGKILL)
         other.wait()
         assert one.vent_others() == []
+    assert all(thread.daemon for thread in threading.enumerate() if thread.name == "shared vent")
     assert threading.active_count() < 20
 
 

@@ -16,7 +16,16 @@ from typing import Any
 
 from PySide6.QtCore import QByteArray, QSize, Qt, QTimer, Signal
 from PySide6.QtGui import QCloseEvent, QDragEnterEvent, QDropEvent, QGuiApplication, QResizeEvent
-from PySide6.QtWidgets import QApplication, QDialog, QMainWindow, QStackedWidget, QTabBar, QTableView, QWidget
+from PySide6.QtWidgets import (
+    QApplication,
+    QDialog,
+    QLineEdit,
+    QMainWindow,
+    QStackedWidget,
+    QTabBar,
+    QTableView,
+    QWidget,
+)
 
 from boat_daq.gui import style
 from boat_daq.gui.connect_panel import ConnectPanel
@@ -101,7 +110,7 @@ class MainWindow(QMainWindow):
         self.units_panel: UnitsPanel | None = None  # made where it is first shown
         self.outlets_panel: OutletsPanel | None = None
         self.window_keys = WindowKeys(
-            self, self.vent, model.windows.vent_all, self.header, lambda: self.page is Page.MEASURE
+            self, self.vent, model.windows.vent_all, self.header, self.header.vent, lambda: self.page is Page.MEASURE
         )
         application().focusWindowChanged.connect(self.window_keys.watch)
         application().focusChanged.connect(self.window_keys.follow_focus)
@@ -178,6 +187,7 @@ class MainWindow(QMainWindow):
     def refresh(self) -> None:
         """Show the current state in header, visible page and strip."""
         snapshot = self.model.tick()
+        self.window_keys.watch_all()
         self.guard.show(self.header, "The header", lambda: self.header.refresh(snapshot))
         page = self.pages[self.place]
         self.guard.show(page, str(self.place), lambda: page.refresh(snapshot))
@@ -273,7 +283,7 @@ class MainWindow(QMainWindow):
         self.model.session.vent()
 
     def escape(self) -> None:
-        """Close what is open, else give the focus back to the page; only with nothing open and the focus there, vent.
+        """Close what is open, else give the focus back to the page or undo what is typed in its field, else vent.
 
         Qt closes a menu, a list or a dialog that has the keyboard by itself.
         """
@@ -287,6 +297,9 @@ class MainWindow(QMainWindow):
             self.live.close_marker()
         elif focus is not None and not self.stack.isAncestorOf(focus):
             focus.clearFocus()  # of the menu bar, too, which keeps the keyboard after its menu was closed
+        elif isinstance(focus, QLineEdit) and focus.isUndoAvailable():
+            while focus.isUndoAvailable():
+                focus.undo()
         else:
             self.vent()
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from PySide6.QtCore import QEvent, QObject, QPoint, QRect, Qt, QTimer
-from PySide6.QtGui import QAction, QKeyEvent, QKeySequence, QShortcut, QWindow
+from PySide6.QtGui import QAction, QKeyEvent, QKeySequence, QMouseEvent, QShortcut, QWindow
 from PySide6.QtWidgets import (
     QAbstractButton,
     QApplication,
@@ -119,11 +119,11 @@ class Registry:
 class WindowKeys(QObject):
     """Event filter of the program's windows, and where the focus may go.
 
-    F4 vents over everything, Shift+F4 all windows, and no dialog covers the header, which has VENT. Esc closes a menu,
-    a list or a dialog that has the keyboard; elsewhere it is a command. Space freezes the plots where they are shown,
-    whatever has the focus but a text field; elsewhere it goes to the control with the focus. Enter presses a focused
-    button. Undo and redo go to a field while it has edits to undo, else to the window's history: the reading field has
-    the focus for a whole run.
+    F4 vents over everything, Shift+F4 all windows, and no dialog covers the header, which has VENT: a click on it vents
+    over an open menu or list too, which Qt would only close. Esc closes a menu, a list or a dialog that has the
+    keyboard; elsewhere it is a command. Space freezes the plots where they are shown, whatever has the focus but a text
+    field; elsewhere it goes to the control with the focus. Enter presses a focused button. Undo and redo go to a field
+    while it has edits to undo, else to the window's history: the reading field has the focus for a whole run.
 
     Where a control with the focus disappears, Qt gives the focus to the next one, and a window that is opened to its
     first: a key would press it. Here it then goes nowhere.
@@ -135,11 +135,12 @@ class WindowKeys(QObject):
         vent: Callable[[], None],
         vent_all: Callable[[], None],
         header: QWidget,
+        button: QWidget,
         shows_plots: Callable[[], bool],
     ) -> None:
         super().__init__(window)
         self.window, self.vent, self.vent_all = window, vent, vent_all
-        self.header, self.shows_plots = header, shows_plots
+        self.header, self.button, self.shows_plots = header, button, shows_plots
         self._moving = False  # whether the operator moves the focus, by mouse, Tab or an arrow
         self._chosen: QWidget | None = None  # the button that the operator gave the focus last
 
@@ -149,10 +150,20 @@ class WindowKeys(QObject):
             window.installEventFilter(self)
             self._clear_header(window)
 
+    def watch_all(self) -> None:
+        """Install the filter on all that is open: a menu or list never has the focus, a new dialog may get it late."""
+        for widget in QApplication.topLevelWidgets():
+            if widget is not self.window and widget.isVisible():
+                self.watch(widget.windowHandle())
+
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Return whether the event was handled here."""
         if event.type() in PLACED and isinstance(watched, QWindow):
             self._clear_header(watched)
+        if isinstance(event, QMouseEvent) and event.type() is QEvent.Type.MouseButtonPress:
+            button, at = self.button, event.globalPosition().toPoint()
+            if QApplication.activePopupWidget() is not None and button.rect().contains(button.mapFromGlobal(at)):
+                self.vent()
         if event.type() in POINTED or (isinstance(event, QKeyEvent) and event.key() in _MOVING):
             self._moving = True
             QTimer.singleShot(0, self._moved)

@@ -17,11 +17,12 @@ Then = Callable[[Path], object]
 
 
 class FileDialog(QFileDialog):
-    """A file dialog without Qt's message boxes, which are modal and would block VENT."""
+    """A file dialog without Qt's message boxes, which are modal and would block VENT; none of its actions opens one."""
 
     def __init__(self, parent: QWidget, title: str, folder: str, kinds: str) -> None:
         super().__init__(parent, title, folder, kinds)
-        self.setOptions(QFileDialog.Option.DontUseNativeDialog | QFileDialog.Option.DontConfirmOverwrite)
+        option = QFileDialog.Option
+        self.setOptions(option.DontUseNativeDialog | option.DontConfirmOverwrite | option.ReadOnly)
         self._confirmed: Path | None = None
 
     def accept(self) -> None:

@@ -276,6 +276,13 @@ def test_escape_vents_only_with_nothing_open_and_the_focus_on_the_page(front, qt
         if seen != [(False, False), (True, True)]:
             wrong[name] = seen
     assert wrong == {}
+    field = front.live.plan.target
+    front.live.pane.setCurrentWidget(front.live.plan)
+    field.setFocus()
+    QTest.keyClicks(field, "12")
+    press(front, Key.Key_Escape)
+    assert (front.model.session.calls, field.text()) == ([], "0")  # the typing is undone
+    assert escapes(front, qtbot, "field") == [(True, True)]
 
 
 def test_escape_closes_a_dialog_behind_the_window(front, qtbot):
@@ -322,6 +329,16 @@ def test_vent_key_and_button_vent_whatever_is_open(front, qtbot):
     assert seen == [(name, True, ["vent"]) for name in OPENED]
     QTest.mousePress(front.header.vent, Qt.MouseButton.LeftButton)
     assert calls == ["vent"]
+    for name in ("menu", "palette", "list"):  # Qt gives the click to the popup, and only closes it
+        calls.clear()
+        open_(front, qtbot, name)
+        front.window_keys.watch_all()
+        popup, vent = QApplication.activePopupWidget(), front.header.vent
+        at = popup.mapFromGlobal(vent.mapToGlobal(vent.rect().center()))
+        QTest.mousePress(popup.windowHandle(), Qt.MouseButton.LeftButton, NO, at)
+        assert calls == ["vent"], name
+        close_all(front)
+        to_front(front, qtbot)
 
 
 def open_(window, qtbot, name):

@@ -181,6 +181,12 @@ def _dates(parts: pd.DataFrame, number: dict[str, FloatArray], order: str) -> tu
     return (whole - first).dt.days.to_numpy(np.float64), first.date().isoformat()
 
 
+def resolution(seconds: FloatArray) -> float:
+    """Return the step of stamps, s: the largest power of ten from 1 s to 1 us of which all are multiples."""
+    known = seconds[np.isfinite(seconds)]
+    return next((10.0**-k for k in range(6) if np.allclose(np.round(known, k), known, rtol=0.0, atol=1e-7)), 1e-6)
+
+
 def unwrapped(time_s: FloatArray, factor: float) -> tuple[FloatArray, float] | None:
     """Return a clock that fell as one that only rises, and where it begins again, s; None where it did not wrap.
 

@@ -118,8 +118,9 @@ def import_two(
     (one, meta), (two, second_meta) = found
     both = f"{first.name} and {second.name}"
     u_s, how = 0.0, "as stated"
-    if offset_s is None:
-        offset_s, how = _absolute_offset(meta, second_meta), "by their stamps"
+    if offset_s is None and (offset_s := _absolute_offset(meta, second_meta)) is not None:
+        u_s = float(np.hypot(meta["import_stamps_s"], second_meta["import_stamps_s"]) / np.sqrt(12.0))
+        how = "by their stamps, of which only the resolution is assessed, not how far the two clocks differ"
     if offset_s is None:
         if place is None:
             raise DataError(f"{both} have no common clock", "Give files with dates.")
@@ -128,7 +129,7 @@ def import_two(
     one["time_s"] = one["time_s"] - one["time_s"][0]
     values = _joined(one, two, both)
     notes = [*meta.pop("import_notes", ()), *second_meta.get("import_notes", ())]
-    text = f"{second.name} begins {offset_s:+.4f} s after {first.name}, {how}, standard uncertainty {u_s:.4f} s"
+    text = f"{second.name} begins {offset_s:+.4f} s after {first.name}, {how}, standard uncertainty {u_s:.2g} s"
     issues = [*meta.pop("import_issues", ()), *second_meta.get("import_issues", ())]
     meta |= {
         "imported_from": f"{first.name}, {second.name}", "import_files": [first.name, second.name],
@@ -241,8 +242,10 @@ def _run_values(
     values |= {f"{_CHANNEL}{at}": table.columns[at] for at in mapping.channels}
     if "time_s" in values:
         values, keep = _on_one_clock(path, table, mapping, values, meta)
-        if begins := _begins(table, mapping.columns["time_s"], values["time_s"][keep]):
+        if begins := _begins(table, column := mapping.columns["time_s"], values["time_s"][keep]):
             meta["import_begins"] = begins
+            stamps = table.stamps.get(column.position)
+            meta["import_stamps_s"] = clocks.resolution(column.values(table) if stamps is None else stamps.seconds)
     else:
         meta["import_rate_hz"] = rate_hz
         values["time_s"] = np.arange(table.rows) / float(rate_hz or 1.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 
 from analysis import analyse
 from analysis.data.boat_writer import first_difference
+from analysis.data.csv_import import import_two
 from boat_daq.workflows.run_files import import_files
 from protocol.base.errors import BoatDaqError
 from tests.field.truth import FSO_MV, HYSTERESIS, Run, put
@@ -32,6 +34,18 @@ def signals(run: Run, form: str, begins_s: float, step: int = 1, sign: float = 1
 def _time(form: str, seconds: float) -> str:
     shown = NOON + timedelta(seconds=float(seconds))
     return shown.isoformat(" ", "milliseconds") if "Timestamp" in form else f"{seconds:.3f}"
+
+
+def test_the_uncertainty_of_joined_dates_is_that_of_their_stamps(tmp_path: Path, run: Run) -> None:
+    """Stamps of 10 ms and of 1 s, each a rectangle: what is not assessed is said, and nothing is zero."""
+    files = [put(tmp_path, pressures(run, "Timestamp,Pressure (kPa)"), "a.csv"),
+             put(tmp_path, signals(run, "Timestamp,S1 (mV)", 3.36), "b.csv")]  # fmt: skip
+    assert import_two(*files).meta["import_offset_u_s"] == pytest.approx(0.01 / 6**0.5, rel=1e-6)
+    text = re.sub(r"(:\d\d)\.\d{3}", r"\1", files[1].read_text())
+    files[1].write_text(text)
+    meta = import_two(*files).meta
+    assert meta["import_offset_u_s"] == pytest.approx(1 / 12**0.5, rel=1e-3)
+    assert "not how far the two clocks differ, standard uncertainty 0.29 s" in meta["import_notes"][0]
 
 
 CASES = {

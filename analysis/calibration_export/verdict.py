@@ -28,6 +28,7 @@ from protocol.base.uncertainty import COVERAGE_FACTOR
 from protocol.base.units import Quantity, UnitText
 
 _POINTS = 101
+_MOST_OF_U = 0.8  # a movement that makes nearly all of U
 _MOST_NAMED = 3  # readings to be checked; the warnings name all
 
 
@@ -64,6 +65,7 @@ class Verdict:
     readings : those to be checked; `confirmed` those that were, each with its reason.
     limits : conformity with each limit and sensor; `limits_set` whether the user set them.
     missed : figures out of tolerance, a sentence for each sensor that has one.
+    doubts : what U is given in spite of, a sensor each.
     """
 
     code: VerdictCode = VerdictCode.LIMITS
@@ -77,6 +79,7 @@ class Verdict:
     limits: tuple[LimitStatement, ...] = field(default=(), repr=False)
     limits_set: bool = False
     missed: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
     @property
     def conformity(self) -> Conformity:
@@ -122,7 +125,7 @@ class Verdict:
     def headline(self) -> str:
         """What is known and what is to be done, e.g. `U = 0.13 mm (k = 2) from -2.5 to 4.0 mm; 1 reading to check`."""
         missed = "out of tolerance" if self.missed and not self.readings else ""
-        parts = [part for part in (self.use, self.check_count, missed) if part]
+        parts = [part for part in (self.use, *self.doubts, self.check_count, missed) if part]
         return UnitText("; ").joined(parts) if parts else _capital(self.limits_text)
 
     @property
@@ -157,6 +160,7 @@ class Verdict:
             "check": [one.as_json() for one in self.readings],
             "conformity": str(self.conformity),
             "out_of_tolerance": list(self.missed),
+            "doubts": list(self.doubts),
         }
 
 
@@ -175,13 +179,35 @@ def verdict_of(analysis: Analysis, limits: Mapping[str, float] | None = None) ->
     u_mm, range_mm, unknown, stand_in = _largest_u(analysis)
     code, reason = _code_of(analysis, readings, unknown, missed=bool(missed))
     failed = worst_conformity(stated) is Conformity.FAIL and bool(limits)
-    state = VerdictState.OK if code is VerdictCode.USABLE else VerdictState.CHECK
+    doubts = _doubts(analysis, u_mm)
+    state = VerdictState.OK if code is VerdictCode.USABLE and not doubts else VerdictState.CHECK
     if failed or code in (VerdictCode.NO_CURVE, VerdictCode.TURNS):
         state = VerdictState.FAIL
     elif limits and state is VerdictState.OK:
         state = _state_of(stated)
     confirmed = tuple(one for one in analysis.checked if one.confirmed)
-    return Verdict(code, state, reason, u_mm, range_mm, stand_in, readings, confirmed, stated, bool(limits), missed)
+    return Verdict(
+        code, state, reason, u_mm, range_mm, stand_in, readings, confirmed, stated, bool(limits), missed, doubts
+    )
+
+
+def _doubts(analysis: Analysis, u_mm: float) -> tuple[str, ...]:
+    """Return what U is given in spite of: a sensor without U; holds that move, or a drift, by most of U."""
+    found = []
+    for sensor, u in zip(analysis.sensors, analysis.u_elongation, strict=True):
+        calibration, name = sensor.calibration, sensor_text(sensor.name)
+        if calibration is None or not math.isfinite(u_mm):
+            continue
+        if not u.size:
+            found.append(f"without {name}")
+            continue
+        low, high = calibration.x_range
+        noticed_mv = _MOST_OF_U * float(np.nanmedian(u[:, 1])) * calibration.full_scale / (high - low)
+        if sensor.settling.most_mv > noticed_mv:
+            found.append(f"the holds of {name} are not settled")
+        elif abs(sensor.drift_mv) > noticed_mv:
+            found.append(f"{name} drifts")
+    return tuple(found)
 
 
 def limit_statements(analysis: Analysis, limits: Mapping[str, float] | None = None) -> tuple[LimitStatement, ...]:

@@ -56,9 +56,10 @@ def repeatability(
     pooled_b, worst_b = (np.sqrt(n / (n - 1.0)) * part for part in _pooled_and_worst(series, weights))
     figure = bootstrap_figure(scale * pooled[0], scale * pooled_b, "% FSO", n, POOLED)
     effect = CycleEffect.of(loops, sensor)
-    if figure.value > 0.0:  # resamples of few cycles that differ as a whole scatter less than the sd does
+    if figure.value > 0.0:  # resamples of few cycles scatter less than the sd does; of three, many have one cycle
         low, high = (scale * end for end in effect.interval(float(pooled[0])))
-        figure = replace(figure, low=float(np.minimum(figure.low, low)), high=float(np.maximum(figure.high, high)))
+        least, most = (np.fmin, np.fmax) if n > 2 else (np.minimum, np.maximum)  # two have one degree of freedom
+        figure = replace(figure, low=float(least(figure.low, low)), high=float(most(figure.high, high)))
     of_worst = bootstrap_figure(scale * worst[0], scale * worst_b, "% FSO", n, WORST)
     by_noise = (scale * noise_mv) ** 2 * loops.noise_share(sensor)[enough] if noise_mv > 0 else np.zeros(enough.sum())
     at = int(np.argmax(np.nanvar(series, axis=0)))

@@ -18,6 +18,7 @@ from protocol.base.arrays import BoolArray, FloatArray
 CORNER_SD, CORNER_OF_SPAN = 5.0, 0.005  # what a local cubic leaves of the pressure: noise (sd), and share of the span
 
 _COURSE_TERMS, _BY_CHANCE = 3, 1e-3  # of the noise over x
+_TREND_TERMS = 3  # of the parabola through a hold
 
 
 def staircase_noise(plateaus: tuple[Plateau, ...], sensor: int) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -26,6 +27,25 @@ def staircase_noise(plateaus: tuple[Plateau, ...], sensor: int) -> tuple[FloatAr
     dof = np.asarray([p.n[sensor] - 1 for p in usable], dtype=np.float64)
     squares = np.asarray([p.signal_sd_mv[sensor] ** 2 for p in usable]) * dof
     return squares, dof, np.asarray([p.cycle for p in usable], dtype=np.float64)
+
+
+def moving_noise(
+    plateaus: tuple[Plateau, ...], sensor: int, recording: Recording
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the same of holds that are not settled, about a parabola in each, so that its trend is no noise."""
+    squares, dof, cycle_of = [], [], []
+    for p in plateaus:
+        rows = slice(p.settled_first, p.last + 1)
+        good = recording.usable[rows, sensor]
+        if p.void or not p.branch or good.sum() <= _TREND_TERMS:
+            continue
+        design = np.vander(np.linspace(-1.0, 1.0, good.size)[good], _TREND_TERMS)
+        signal = recording.signal_mv[rows, sensor][good]
+        left = signal - design @ np.linalg.lstsq(design, signal, rcond=None)[0]
+        squares.append(float(left @ left))
+        dof.append(float(good.sum() - _TREND_TERMS))
+        cycle_of.append(float(p.cycle))
+    return np.asarray(squares), np.asarray(dof), np.asarray(cycle_of)
 
 
 def noise_course(x: FloatArray, variance: FloatArray, grid: FloatArray) -> FloatArray:

@@ -49,7 +49,7 @@ from analysis.figures.loop_figures import (
     sensor_loop_width,
     with_what_lies_between,
 )
-from analysis.figures.noise_figures import continuous_noise, noise_and_snr, staircase_noise
+from analysis.figures.noise_figures import continuous_noise, moving_noise, noise_and_snr, staircase_noise
 from analysis.progress import Progress, part_of
 from analysis.segmentation.ambient_light import ambient_in_means
 from analysis.segmentation.cycles import Cycles
@@ -482,6 +482,8 @@ def _checks(calibration: Calibration, cycle_of: FloatArray) -> dict[str, Any]:
 
 
 def _noise(run: SegmentedRun, sensor: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    if run.plateaus and not run.settling(sensor).settled:
+        return moving_noise(run.plateaus, sensor, run.recording)
     if run.plateaus:
         return staircase_noise(run.plateaus, sensor)
     return continuous_noise(run.recording, run.cycles, sensor, run.recording.pressure_kpa)

@@ -23,6 +23,7 @@ from protocol.base.arrays import FloatArray
 from protocol.base.units import as_text
 
 if TYPE_CHECKING:
+    from analysis.calibration.fit import Calibration
     from analysis.figures.sensor_analysis import SegmentedRun, SensorAnalysis
 
 NOISY_SHARE = 0.01  # of the span of the pressure: above it the pressure is smoothed, and holds and bins lose their ends
@@ -265,6 +266,14 @@ def _adequacy_warnings(adequacy: Adequacy) -> Iterator[Warning]:
         )
 
 
+def _mostly_reading(calibration: Calibration) -> bool:
+    """Return whether the reading makes most of what positions are known to be off by: cycles that differ do too."""
+    joint = calibration.joint
+    if joint is None:
+        return calibration.reading is not None
+    return bool(np.mean(joint.slope_at**2 * joint.means.x_variance) > 0.5 * np.mean(joint.known_variance))
+
+
 def _calibration_warnings(sensor: SensorAnalysis, run: SegmentedRun) -> Iterator[Warning]:
     calibration, posterior = sensor.calibration, sensor.posterior
     if calibration is None:
@@ -283,7 +292,7 @@ def _calibration_warnings(sensor: SensorAnalysis, run: SegmentedRun) -> Iterator
     low, high = calibration.x_range
     less = run.reading_sd_mm * calibration.full_scale / (high - low) > 2.0 * calibration.residual_sd
     p = calibration.adequacy.p_value if calibration.adequacy is not None else float("nan")
-    if less or (p > OVERSTATED and run.reading_sd_mm > 0):
+    if less or (p > OVERSTATED and _mostly_reading(calibration)):
         chance = f" (p = {p:.3f})" if p > OVERSTATED else ""
         yield Warning(
             WarningCode.READING_ERROR_OVERSTATED,

@@ -64,6 +64,17 @@ def test_repeatability_by_hand() -> None:
         assert {figure.reason for figure in none.values()} == {reason}
 
 
+def test_repeatability_of_three_cycles_has_the_interval_of_two_degrees_of_freedom() -> None:
+    """Cycles that differ as a whole: chi-square of 2, 0.52 to 6.3 times; resamples of one cycle have no spread."""
+    offset = np.array([-0.4, 0.1, 0.3])
+    signal = np.broadcast_to(np.array([0.0, 60.0, 150.0]), (2, 3, 3)) + offset[None, :, None]
+    weights = resampling_weights(3, np.random.default_rng(0), 2000)
+    found = repeatability(loops_of(signal), 0, 150.0, weights)["repeatability_percent_fso"]
+    sd = 100.0 / 150.0 * offset.std(ddof=1)
+    reach = np.sqrt(2.0 / stats.chi2.ppf([0.975, 0.025], 2))
+    assert (found.value, found.low, found.high) == pytest.approx((sd, *(sd * reach)), rel=0.02)
+
+
 def test_pooled_and_worst_of_resamples() -> None:
     """A cycle drawn twice counts twice; one cycle alone has no sd."""
     series = np.array([[0.0, 0.0], [1.0, 2.0], [5.0, 4.0]])

@@ -9,7 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from analysis import Options, analyse
+from analysis import Options, Recording, analyse
+from analysis.calibration_export.verdict import verdict_of
 from analysis.figures.figure import Reason
 from analysis.figures.noise_figures import continuous_noise, noise_and_snr, staircase_noise
 from analysis.statistics import bootstrap_interval, resampling_weights
@@ -125,6 +126,28 @@ def test_interval_of_the_snr_is_that_of_the_noise_in_decibels() -> None:
     assert noise.value == pytest.approx(np.sqrt(samples.var(axis=2, ddof=1).mean()), rel=1e-12)
     assert snr.value == pytest.approx(20 * np.log10(250 / noise.value))
     assert [snr.low, snr.high] == pytest.approx([20 * np.log10(250 / end) for end in (noise.high, noise.low)], abs=0.05)
+
+
+def test_creep_within_holds_is_no_noise(tmp_path: Path) -> None:
+    """Creep of 8 % with a lag of 5 s moves a signal in each hold by several times its noise of 0.5 mV."""
+    stairs = Staircase(Plant(noise_mv=(0.0, 0.0), loop_mm=0.25), cycles=3)
+    run, level = stairs.recording(), np.zeros((0, 2))
+    signal, level = run.signal_mv.copy(), run.signal_mv[0].copy()
+    for row in range(run.n):
+        level += (run.signal_mv[row] - level) / 500.0
+        signal[row] = 0.92 * run.signal_mv[row] + 0.08 * level
+    signal += 0.5 * np.random.default_rng(0).standard_normal(signal.shape)
+    stairs.elongations().to_csv(tmp_path / "e.csv", index=False)
+    creeping = Recording.from_arrays(run.time_s, run.pressure_kpa, signal)
+    found = analyse(creeping, tmp_path / "e.csv", options=Options(mcmc=False, fidelity="draft", x_resolution_mm=0.0))
+    for sensor in found.sensors:
+        noise = sensor.figures["noise_mv"]
+        assert not sensor.settling.settled
+        assert noise.low < 0.5 < noise.high
+        assert noise.value == pytest.approx(0.5, rel=0.05)
+    verdict = verdict_of(found)
+    assert verdict.state == "check"
+    assert "the holds of sensor 1 are not settled" in str(verdict.headline)
 
 
 def test_noise_of_a_plateau_counts_one_degree_of_freedom_less() -> None:

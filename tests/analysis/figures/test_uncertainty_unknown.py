@@ -177,6 +177,19 @@ def test_a_certificate_has_no_results_of_the_sensor_without_u(runs: dict[str, An
     assert frozen.void.startswith("its U is not known: ")
 
 
+def test_no_verdict_is_green_by_what_was_not_measured(runs: dict[str, Analysis]) -> None:
+    """A lost sensor, and a staircase up only whose loop no limit can be compared with, with or without readings."""
+    lost = verdict_of(runs["frozen half-way"])
+    assert (lost.state, lost.doubts) == ("check", ("without sensor 2",))
+    assert "; without sensor 2" in str(lost.headline)
+    run = runs["two cycles"].recording
+    up = Recording.from_arrays(
+        run.time_s, np.where(np.gradient(run.pressure_kpa) < -0.1, 0, run.pressure_kpa), run.signal_mv
+    )
+    found = verdict_of(analyse(up, options=Options(mcmc=False, fidelity="draft")))
+    assert found.state != "ok", str(found.sentence)
+
+
 def test_unknown_parts_are_stored_as_unknown(runs: dict[str, Analysis]) -> None:
     """No zero in the stored form: null, with the reason; older records keep their numbers."""
     stored = finite(calibration_record(runs["one cycle"]).as_json())["sensors"][0]

@@ -7,6 +7,7 @@ from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
+from protocol.base.errors import ChoiceError
 from protocol.base.whole_file import written_whole
 
 if TYPE_CHECKING:
@@ -82,7 +83,9 @@ def sensor_colour(number: int) -> str:
 
 
 def save_picture(figure: Figure, path: Path, **options: Any) -> None:
-    """Write a figure whole, in the format of the suffix. OSError: it cannot be written. ValueError: no such format."""
+    """Write a figure whole, in the format of the suffix. OSError: it cannot be written. ChoiceError: no such format."""
+    if path.suffix[1:].lower() not in figure.canvas.get_supported_filetypes():
+        raise ChoiceError(f"{path} does not end in the format of a picture", "choose .png, .svg or .pdf")
     with written_whole(path) as part:
         figure.savefig(part, format=path.suffix[1:], **options)
 

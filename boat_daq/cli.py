@@ -254,6 +254,18 @@ def _discard_output() -> None:
     os.close(nowhere)
 
 
+def _unwritten(error: Exception) -> Exception | None:
+    """Return the error of an output on a full or failing disk, which is then discarded; None for another error."""
+    if not isinstance(error, OSError) or error.filename or error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
+        return None
+    from protocol.base.errors import StorageError
+
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)  # what is left in the buffers is written at the end
+    os.close(nowhere)
+    return StorageError(f"the output cannot be written: {error.strerror}", "free disk space, or choose another disk")
+
+
 def explain(error: Exception) -> tuple[str, str]:
     """Return cause and remedy of an error; the traceback of an unexpected one is written to the log."""
     from protocol.base.errors import cause_and_remedy
@@ -290,6 +302,7 @@ def main() -> None:
         completion_init()
     try:
         code = app(standalone_mode=False, prog_name="boat-daq")
+        sys.stdout.flush()
         raise SystemExit(code if isinstance(code, int) else 0)
     except (SystemExit, KeyboardInterrupt, typer.Abort) as leaving:
         if not interruption.came:
@@ -302,8 +315,9 @@ def main() -> None:
         else:
             emit_error("UsageError", *_usage(error), as_json="--json" in sys.argv)
         raise SystemExit(2) from None
-    except Exception as error:  # noqa: BLE001 - the last one to see it
+    except Exception as caught:  # noqa: BLE001 - the last one to see it
         from protocol.base.errors import ChoiceError
 
-        emit_error(type(error).__name__, *explain(error), as_json="--json" in sys.argv)
-        raise SystemExit(2 if isinstance(error, ChoiceError) else 1) from None
+        failure = _unwritten(caught) or caught
+        emit_error(type(failure).__name__, *explain(failure), as_json="--json" in sys.argv)
+        raise SystemExit(2 if isinstance(failure, ChoiceError) else 1) from None

@@ -37,5 +37,5 @@ def calibration_text(calibration: CalibrationFile, form: str, table_error_mm: fl
 def write_calibration(calibration: CalibrationFile, path: Path, form: str, table_error_mm: float | None = None) -> None:
     """Write a calibration as `calibration_text`, whole or not at all. FileError: the file cannot be written."""
     text = calibration_text(calibration, form, table_error_mm)
-    with writing(path, "Choose another folder."):
+    with writing(path):
         write_whole(path, text)

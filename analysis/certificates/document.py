@@ -68,7 +68,7 @@ def write_certificate(certificate: Certificate, path: str | Path) -> Path:
     kind = path.suffix.lower()
     if kind not in (".pdf", ".xml"):
         raise RequestError(f"{path.name} ends in neither .pdf nor .xml", "Choose one of the two.")
-    with writing(path, "Choose another folder."):
+    with writing(path):
         path.parent.stat()
         if kind == ".xml":
             write_whole(path, dcc_xml(certificate))

@@ -26,7 +26,7 @@ from analysis.data.boat_file import opened
 from analysis.data.csv_import import import_csv, import_two
 from analysis.data.recording import Recording
 from analysis.version import program_version
-from protocol.base.errors import FileError, RecordingError
+from protocol.base.errors import FileError, RecordingError, StorageError, writing
 from protocol.base.whole_file import written_whole
 from protocol.recording import schema
 from protocol.recording.checks import check_session
@@ -53,10 +53,10 @@ def write_boat_file(
     if path.exists():
         raise FileError(f"{path} exists already", "Choose another name: a recording is never overwritten.")
     try:
-        with written_whole(path) as unfinished, closing(sqlite3.connect(unfinished)) as db, db:
+        with writing(path), written_whole(path) as unfinished, closing(sqlite3.connect(unfinished)) as db, db:
             _write(db, recording, [Path(original), *([second] if second is not None else [])])
-    except (sqlite3.Error, OSError) as error:
-        raise FileError(f"{path} cannot be written: {error}", "Choose another folder.") from error
+    except sqlite3.Error as error:
+        raise StorageError(f"{path} cannot be written: {error}", "Choose another disk.") from error
 
 
 def _write(db: sqlite3.Connection, recording: Recording, originals: list[Path]) -> None:

@@ -89,10 +89,10 @@ def export(
         raise RequestError(f"format {format!r} is not one of {known}", "Give one of them.")
     if format in BAGS:
         frame, about = samples_frame(recording, None, converted), _description(recording, converted)
-        with writing(path, "Choose another folder."):
+        with writing(path):
             write_bag(frame, json.loads(_description_text(about)), path, BAGS[format], progress)
         return [path]
-    with writing(path, "Choose another folder."):
+    with writing(path):
         with written_whole(path) as part:
             if format == "csv":
                 _write_csv(recording, part, converted, progress)

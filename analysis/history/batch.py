@@ -19,7 +19,7 @@ import pandas as pd
 from analysis.cluster import check_scheduler, connect
 from analysis.numbers import neutral
 from analysis.progress import Progress
-from protocol.base.errors import BoatDaqError, FileError, RequestError
+from protocol.base.errors import BoatDaqError, FileError, RequestError, writing
 
 _SUFFIXES = (".boat", ".csv")
 _ELONGATION = ".elongation.csv"
@@ -114,15 +114,13 @@ def _is_run(path: Path) -> bool:
 
 
 def write_table(table: pd.DataFrame, path: str | Path) -> None:
-    """Write a batch's table as CSV, its text cells neutralised; raises FileError if it cannot be written."""
+    """Write a batch's table as CSV, its text cells neutralised; raises StorageError if it cannot be written."""
     safe = table.copy()
     for name in safe:
         if not (pd.api.types.is_numeric_dtype(safe[name]) or pd.api.types.is_bool_dtype(safe[name])):
             safe[name] = [neutral(str(v)) if isinstance(v, str) else v for v in safe[name]]
-    try:
+    with writing(Path(path)):
         safe.to_csv(path, index=False, errors="replace")  # a name may be no UTF-8
-    except OSError as error:
-        raise FileError(f"{path} cannot be written: {error.strerror or error}", "Choose another folder.") from error
 
 
 def readings_beside(run: Path) -> Path | None:

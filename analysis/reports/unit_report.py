@@ -48,7 +48,7 @@ def write_built(build: Callable[[], Report], path: Path, progress: Progress | No
     writer = WRITERS.get(path.suffix.lower())
     if writer is None:
         raise ChoiceError(f"{path.name} ends in neither .html nor .pdf", "Choose one of the two.")
-    with writing(path, "Choose another folder."):
+    with writing(path):
         path.parent.stat()  # a folder that does not exist is reported before the pages are set
         report = build()
         writer(report, path, progress)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, writing
+from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar
 from boat_daq.commands.options import (
     DegreeOption,
     LeaveOutOption,
@@ -19,6 +19,7 @@ from boat_daq.commands.options import (
     RunArgument,
     one_of,
 )
+from protocol.base.errors import writing
 
 if TYPE_CHECKING:
     import pandas as pd

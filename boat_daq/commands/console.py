@@ -14,12 +14,9 @@ import sys
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-
-from protocol.base.errors import StorageError
 
 
 class _Json:
@@ -119,21 +116,6 @@ def show_table(
     from boat_daq.commands.terminal import print_table
 
     print_table(columns, rows, left, title)
-
-
-@contextmanager
-def writing(path: Path) -> Iterator[None]:
-    """Report a failure to make or write `path` with cause and remedy.
-
-    Raises
-    ------
-    StorageError : the file cannot be written, or its format is not known.
-    """
-    try:
-        yield
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise StorageError(f"{path} cannot be written: {reason}", "choose another --out") from error
 
 
 def notify(text: str) -> None:

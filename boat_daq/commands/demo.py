@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show_table, writing
+from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show_table
 from boat_daq.commands.options import FidelityOption, NoMcmcOption, UncertaintyOption
 from boat_daq.engine.file_names import path_in
-from protocol.base.errors import RequestError
+from protocol.base.errors import RequestError, writing
 
 if TYPE_CHECKING:
     from analysis import Analysis

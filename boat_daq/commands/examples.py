@@ -9,9 +9,9 @@ from typing import Annotated
 
 import typer
 
-from boat_daq.commands.console import JsonOption, present, writing
+from boat_daq.commands.console import JsonOption, present
 from boat_daq.own_packages import ROOT
-from protocol.base.errors import RequestError
+from protocol.base.errors import RequestError, writing
 from protocol.base.whole_file import written_whole
 
 INSTALLED = "share/boat-daq/recordings/*"  # in the environment; beside the sources in a checkout and a bundle

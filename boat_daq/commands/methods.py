@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from boat_daq.commands.console import JsonOption, notify, present, progress_bar, writing
+from boat_daq.commands.console import JsonOption, notify, present, progress_bar
+from protocol.base.errors import writing
 
 if TYPE_CHECKING:
     from analysis.studies.tradeoff.decimation import Paint

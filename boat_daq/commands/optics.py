@@ -15,8 +15,9 @@ import typer
 from analysis.numbers import decimals_for
 from analysis.optics.scene.parameters import ALL, PAPER_RAYS, PAPER_SECONDARY, Design, Light, Waveguide
 from analysis.optics.scene.scene_file import OpticalScene, read_scene
-from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, writing
+from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar
 from boat_daq.commands.options import AllowRemoteOption, OptionalFidelity
+from protocol.base.errors import writing
 from protocol.base.whole_file import write_whole
 
 if TYPE_CHECKING:

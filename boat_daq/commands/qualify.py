@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, notify, notify_shortcomings, progress_bar, writing
+from boat_daq.commands.console import JsonOption, emit_json, notify, notify_shortcomings, progress_bar
+from protocol.base.errors import writing
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

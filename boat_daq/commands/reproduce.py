@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from boat_daq.commands.console import JsonOption, notify, present, progress_bar, writing
+from boat_daq.commands.console import JsonOption, notify, present, progress_bar
 from boat_daq.commands.optics import curves_of
+from protocol.base.errors import writing
 
 if TYPE_CHECKING:
     from analysis import Analysis

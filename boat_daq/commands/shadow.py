@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, show, show_table, writing
+from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, show, show_table
 from boat_daq.commands.options import FidelityOption, PlotOption, RunArgument, one_of
 from boat_daq.commands.shadow_model import (
     MeshOption,
@@ -23,6 +23,7 @@ from boat_daq.commands.shadow_model import (
     chosen_table,
     solved_state,
 )
+from protocol.base.errors import writing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

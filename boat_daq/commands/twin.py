@@ -223,8 +223,8 @@ def predict(
     Example: boat-daq twin predict SA1.boat --out predicted.csv
     """
     from analysis.signal_prediction.prediction import predict_run, published_prediction
-    from boat_daq.commands.console import writing
     from boat_daq.workflows.unit_control import fusion_of, load_twin, predicted_sensors
+    from protocol.base.errors import writing
     from protocol.base.whole_file import written_whole
 
     recording, units = _recording(run)

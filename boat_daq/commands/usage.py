@@ -31,6 +31,8 @@ def plain(command: Any) -> Any:
     for parameter in command.params:
         if complete := _completion(command.name, parameter):
             parameter._custom_shell_complete = complete
+        if hasattr(parameter.type, "readable"):
+            parameter.type.readable = False  # a file that may not be read is no wrong call: who opens it explains
         if parameter.param_type_name == "option" and not parameter.metavar and not parameter.is_flag:
             parameter.metavar = _KINDS.get(parameter.type.name.removesuffix(" range"), "TEXT")
     if command.callback is not None and not hasattr(command, "commands") and command.name not in _IN_PLACE:

@@ -25,7 +25,7 @@ from boat_daq.engine.recording.file import now_utc
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.settings import home
 from boat_daq.engine.snapshot import MessageKind
-from protocol.base.errors import BoatDaqError, RequestError, StorageError
+from protocol.base.errors import BoatDaqError, RequestError, writing
 from protocol.base.whole_file import written_whole
 from protocol.recording import Metadata
 
@@ -68,12 +68,9 @@ def write_bug_report(out: Path, *, personal: bool = False) -> Path:
     if not personal:
         hide = Redaction(texts)
         texts = {name: hide(text) for name, text in texts.items()}
-    try:
-        with written_whole(out) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
-            for name, text in texts.items():
-                archive.writestr(name, text)
-    except OSError as error:
-        raise StorageError(f"{out} cannot be written: {error.strerror}", "choose another folder") from error
+    with writing(out), written_whole(out) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, text in texts.items():
+            archive.writestr(name, text)
     return out
 
 

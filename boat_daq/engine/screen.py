@@ -146,8 +146,11 @@ def _require_x_display() -> None:
     """Connect to the X display. RequestError: none is named, or the one that is does not answer."""
     name = os.environ.get("DISPLAY", "")
     if not name:
+        wayland = os.environ.get("WAYLAND_DISPLAY", "")
         raise RequestError(
-            "there is no display for the window: neither DISPLAY nor WAYLAND_DISPLAY names one",
+            f"the display {wayland} does not answer"
+            if wayland
+            else "there is no display for the window: neither DISPLAY nor WAYLAND_DISPLAY names one",
             f"Start it in a desktop session, over SSH with `ssh -X`, or {WITHOUT_WINDOW}",
         )
     try:

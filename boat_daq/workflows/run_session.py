@@ -137,7 +137,7 @@ def run_session(
             _finish(camera, notify)
         failure = why_failed(session.snapshot(), request.plan)
     except BoatDaqError:
-        if session.snapshot().recording is not None:
+        if session.snapshot().recorded_s > 0:
             notify(f"{request.path} holds the samples until then")
         raise
     finally:

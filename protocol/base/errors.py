@@ -19,6 +19,7 @@ Damaged bytes of a link are not errors: they are counted, and the stream continu
 from __future__ import annotations
 
 import difflib
+import errno
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -96,9 +97,17 @@ def damaged(path: Path, what: str) -> DamagedRecordingError:
 
 
 @contextmanager
-def writing(path: Path, remedy: str = "choose another folder") -> Iterator[None]:
-    """Turn what the system reports while a file is written into a `FileError`."""
+def writing(path: Path) -> Iterator[None]:
+    """Turn what the system reports while a file or folder is written into a `StorageError`."""
     try:
         yield
     except OSError as error:
-        raise FileError(f"{path} cannot be written: {error.strerror or error}", remedy) from error
+        raise StorageError(f"{path} cannot be written: {error.strerror or error}", _remedy(path, error)) from error
+
+
+def _remedy(path: Path, error: OSError) -> str:
+    if error.errno == errno.ENOSPC:
+        return "free disk space, or choose another disk"
+    if error.errno == errno.ENOENT and not path.parent.is_dir():
+        return f"make the folder {path.parent}, or choose another"
+    return "choose another folder"

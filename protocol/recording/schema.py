@@ -324,9 +324,9 @@ def layout_version(path: Path) -> int:
         with path.open("rb") as file:
             head = file.read(_HEADER.size)
     except FileNotFoundError:
-        raise RecordingError(f"there is no file {path}") from None
+        raise RecordingError(f"there is no file {path}", "Check the name.") from None
     except OSError as error:
-        raise RecordingError(f"{path} cannot be read: {error.strerror}") from error
+        raise RecordingError(f"{path} cannot be read: {error.strerror}", "Check its permissions.") from error
     if not head:
         raise RecordingError(f"{path} is empty (0 bytes)", "Nothing was recorded in it.")
     if len(head) < _HEADER.size or not head.startswith(b"SQLite format 3\0"):

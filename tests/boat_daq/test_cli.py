@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -144,6 +145,20 @@ def test_a_wrong_call_exits_2_and_is_explained_in_json(call: str, cause: str, re
     content = json.loads(ended.out)
     assert (cause in content["cause"], remedy in content["remedy"]) == (True, True)
     assert ended.err.startswith(f"error: {content['cause']}\n  try: {content['remedy']}")
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="/dev/full")
+@pytest.mark.parametrize("call", ["--version", "config get --json"])
+def test_a_full_disk_is_named(call: str) -> None:
+    """Standard output that takes no more, at once or at the end: cause, remedy and exit code 1."""
+    with Path("/dev/full").open("w") as full:
+        command = [sys.executable, "-m", "boat_daq", *call.split()]
+        ended = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
+    cause = "error: the output cannot be written: No space left on device"
+    assert (ended.returncode, ended.stderr.splitlines()) == (
+        1,
+        [cause, "  try: free disk space, or choose another disk"],
+    )
 
 
 def complete(words: str) -> list[str]:

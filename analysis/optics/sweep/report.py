@@ -34,7 +34,7 @@ from analysis.optics.sweep.sweep import SweepResult
 from analysis.optics.tracer.simulation import ray_paths
 from analysis.version import program_version
 from protocol.base.arrays import FloatArray
-from protocol.base.errors import FileError, writing
+from protocol.base.errors import writing
 from protocol.base.whole_file import write_whole, written_whole
 
 BLUE, VERMILLION = style.SENSOR_COLOURS[:2]
@@ -52,15 +52,9 @@ _GROUPS = {"all": "designs", "same_cavities": "with as many cavities", "paper_ma
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure in the format of the file's suffix: PNG, SVG or PDF.
-
-    Raises FileError: the folder cannot be written to, or the suffix is unknown.
-    """
-    try:
-        with writing(path, "choose another folder"):
-            style.save_picture(figure, path, dpi=_DPI)
-    except ValueError as error:
-        raise FileError(f"{path}: its suffix names no picture", "name a file ending in .png, .svg or .pdf") from error
+    """Write a figure in the format of the file's suffix: PNG, SVG or PDF."""
+    with writing(path):
+        style.save_picture(figure, path, dpi=_DPI)
 
 
 def _figure(width: float, height: float) -> Figure:

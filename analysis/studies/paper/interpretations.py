@@ -156,7 +156,7 @@ def reproduce(
             part = part_of(progress, done, sampling.cost, total)
             kept[key] = asdict(_outcome(reading, sampling, curves[reading.states], part))
             if file is not None:
-                with writing(file, "choose another folder"):
+                with writing(file):
                     write_whole(file, json.dumps({"version": program_version(), "outcomes": kept}))
         out.append(_read(kept[key]))
         done += sampling.cost

@@ -230,6 +230,8 @@ def open_error(port: str, error: Exception) -> DeviceError:
             remedy = "Add yourself to its group (dialout) and log in again, or install a udev rule."
         return DeviceError(f"no permission to open {port}", remedy)
     if number in {errno.ENOENT, errno.ENODEV, errno.ENXIO} or "filenotfound" in text:
+        if address := re.search(r"(?<!/dev/)\b[\w.-]+:\d+$", port):
+            return DeviceError(f"there is no port {port}", f"Write an address as socket://{address[0]}.")
         present = ", ".join(p.port for p in list_ports()) or "none"
         return DeviceError(f"there is no port {port}", f"Ports present: {present}")
     if number in {errno.ENOTTY, errno.EINVAL, errno.EISDIR}:

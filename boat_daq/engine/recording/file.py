@@ -54,7 +54,7 @@ def storage_error(path: Path, error: Exception) -> StorageError:
     if code == sqlite3.SQLITE_FULL or number == errno.ENOSPC:
         return StorageError(f"the disk of {path.parent} is full", "Free disk space; what is recorded so far is kept.")
     if code == sqlite3.SQLITE_READONLY or number == errno.EROFS:
-        return StorageError(f"{path} has become read-only", "Choose a folder with write permission.")
+        return StorageError(f"{path} is read-only", "Change its permissions, or choose another folder.")
     if code in _LOCKED:
         return StorageError(f"{path} is locked by another program", "Close the program that has it open.")
     return StorageError(f"{path} cannot be written: {error}", "Check the disk; what is recorded so far is kept.")

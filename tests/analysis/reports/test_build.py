@@ -90,8 +90,9 @@ def test_another_ending_is_refused(calibration: Analysis, tmp_path: Path) -> Non
     """Neither HTML nor PDF, and a folder that is not there."""
     with pytest.raises(BoatDaqError, match="neither"):
         write_report([calibration], tmp_path / "r.docx")
-    with pytest.raises(BoatDaqError, match="cannot be written"):
+    with pytest.raises(BoatDaqError, match="cannot be written") as refused:
         write_report([calibration], tmp_path / "no" / "r.pdf")
+    assert refused.value.remedy == f"make the folder {tmp_path / 'no'}, or choose another"
 
 
 def test_a_dead_sensor_is_named_and_in_no_mean(tmp_path: Path) -> None:

@@ -144,7 +144,7 @@ def test_sweep_of_both_faces_leaves_out_cavities_that_would_meet(tmp_path: Path)
         (("trace", "--curves", "absent.csv"), "no curve file"),
         (("trace", "--rays", "10000001"), "rays"),
         (("trace", "--rays", "2", "--out", "absent/rays.png"), "cannot be written"),
-        (("trace", "--rays", "2", "--out", "rays.xyz"), "names no picture"),
+        (("trace", "--rays", "2", "--out", "rays.xyz"), "the format of a picture"),
         (("scene", "--out", "absent/scene.json"), "cannot be written"),
         (("optimise", "--seconds", "nan"), "nan s"),
         (("optimise", "--out", "/dev/null"), "cannot be written"),

@@ -100,6 +100,13 @@ def test_a_missing_port_names_those_present():
     assert refusal.value.remedy == f"Ports present: {', '.join(present) or 'none'}"
 
 
+@pytest.mark.parametrize("port", ["localhost:7000", "tcp://localhost:7000"])
+def test_an_address_that_is_no_port_is_written_right(port: str) -> None:
+    """The remedy is the address as it is to be written."""
+    assert open_error(port, FileNotFoundError(2, "")).remedy == "Write an address as socket://localhost:7000."
+    assert "socket" not in open_error("/dev/ttyUSB0:9600", FileNotFoundError(2, "")).remedy
+
+
 def test_a_file_is_not_a_port(tmp_path):
     """What opens but is no terminal is refused by what it is."""
     file = tmp_path / "file"

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from itertools import zip_longest
 from typing import Any, TypeVar
 
 import numpy as np
@@ -27,6 +28,7 @@ ThemeColour = Callable[[Theme], str]
 L = TypeVar("L", bound="Layer")
 _EMPTY: FloatArray = np.zeros(0)
 FEW = 64  # points
+FILLED = 64  # points of a surface of a band
 COSMETIC = 0.0  # a pen of this width is one pixel at any zoom and adds nothing to the bounds
 
 pg.setConfigOptions(antialias=False, useOpenGL=False, segmentedLineMode="off")
@@ -51,6 +53,7 @@ class PathItem(QGraphicsPathItem):
     """
 
     _end: PathItem | None = None  # what was added to the line since it was drawn
+    _parts: tuple[PathItem, ...] = ()  # further surfaces of a band
 
     def draw_line(self, x: FloatArray, y: FloatArray, *, gaps: bool) -> None:
         """Draw `y` over `x` (same length); with `gaps`, a value that is not finite breaks the line."""
@@ -69,10 +72,24 @@ class PathItem(QGraphicsPathItem):
             self._end.draw_line(x, y, gaps=gaps)
 
     def fill_between(self, x: FloatArray, low: FloatArray, high: FloatArray) -> None:
-        """Fill between `low` and `high` over `x`, which never falls (same length, finite)."""
-        path = pg.functions.arrayToQPath(np.concatenate([x, x[::-1]]), np.concatenate([low, high[::-1]]))
-        path.setFillRule(Qt.FillRule.WindingFill)
-        self.setPath(path)
+        """Fill between `low` and `high` over `x`, which never falls (same length, finite).
+
+        Qt's time to fill a surface grows with the square of the edges that cross a line of pixels: many narrow surfaces
+        of a noisy band are painted in a tenth of the time of a wide one.
+        """
+        begins = range(0, max(x.size - 1, 1), FILLED)
+        for _ in range(len(self._parts) + 1, len(begins)):
+            part = PathItem(self)
+            part.setPen(self.pen())
+            part.setBrush(self.brush())
+            self._parts = (*self._parts, part)
+        for begin, part in zip_longest(begins, (self, *self._parts)):
+            path = QPainterPath()
+            if begin is not None:
+                xs, lows, highs = (values[begin : begin + FILLED + 1] for values in (x, low, high))
+                path = pg.functions.arrayToQPath(np.concatenate([xs, xs[::-1]]), np.concatenate([lows, highs[::-1]]))
+                path.setFillRule(Qt.FillRule.WindingFill)
+            part.setPath(path)
 
     def set_line_colour(self, colour: str, pen_style: Qt.PenStyle) -> None:
         """Set colour and style of a line."""
@@ -82,8 +99,9 @@ class PathItem(QGraphicsPathItem):
 
     def set_fill_colour(self, colour: QColor) -> None:
         """Set the colour of a surface, without an outline."""
-        self.setPen(QPen(Qt.PenStyle.NoPen))
-        self.setBrush(QBrush(colour))
+        for part in (self, *self._parts):
+            part.setPen(QPen(Qt.PenStyle.NoPen))
+            part.setBrush(QBrush(colour))
 
     def shape(self) -> QPainterPath:
         """Return the bounding rectangle."""

@@ -33,8 +33,10 @@ def test_surface_fills_between_its_lines_only(view):
     surface = PathItem()
     item.addItem(surface)
     surface.set_fill_colour(QColor(255, 0, 0))
-    x = np.linspace(0.0, 10.0, 101)
-    surface.fill_between(x, np.sin(x) - 1.0, np.sin(x) + 1.0)
+    for count in (901, 101):  # in several parts, then in fewer: none is left of those before
+        x = np.linspace(0.0, 10.0, count)
+        shift = 2.0 if count > 101 else 0.0
+        surface.fill_between(x, np.sin(x) - 1.0 + shift, np.sin(x) + 1.0 + shift)
     view.viewport().repaint()
     picture = view.grab().toImage()
 

@@ -158,6 +158,11 @@ def continuous_loops(recording: Recording, cycles: Cycles) -> Loops:
     smooth = cycles.smooth_kpa
     low = float(np.median([min(smooth[c.first], smooth[c.turn]) for c in used]))
     high = float(np.median([max(smooth[c.first], smooth[c.turn]) for c in used]))
+    margin = ENDS_SHARE * (high - low)
+    between = (smooth > low + margin) & (smooth < high - margin)
+    one_branch = tuple(branch_not_passed(int(between[c.unloading].sum()), int(between[c.loading].sum())) for c in used)
+    if any(one_branch):  # the middle of a turn lies on the slow branch, before its end
+        low, high = (float(np.median([extreme(smooth[c.rows]) for c in used])) for extreme in (np.min, np.max))
     bin_of = np.floor((smooth - low) / (high - low) * bins).astype(np.int64)
     cell = np.full(recording.n, -1, dtype=np.int64)
     for k, cycle in enumerate(used):
@@ -172,9 +177,6 @@ def continuous_loops(recording: Recording, cycles: Cycles) -> Loops:
     signal[np.broadcast_to(~np.asarray(whole).T[:, None, :, None], signal.shape)] = np.nan
     pressure, signal = _at_common_pressure(pressure, signal)
     centres = low + (np.arange(bins) + 0.5) * (high - low) / bins
-    margin = ENDS_SHARE * (high - low)
-    between = (smooth > low + margin) & (smooth < high - margin)
-    one_branch = tuple(branch_not_passed(int(between[c.unloading].sum()), int(between[c.loading].sum())) for c in used)
     own = np.isfinite(pressure)
     return Loops(centres, pressure, None, signal, own, numbers, tuple(void), (low, high), True, one_branch, samples)
 

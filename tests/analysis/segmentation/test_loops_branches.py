@@ -65,6 +65,19 @@ def test_one_branch_has_no_hysteresis(name: str) -> None:
     assert sensor.figures["fso_mv"].value > 100.0
 
 
+def test_full_scale_of_a_slow_rise_and_a_fast_vent_is_that_of_both_ends() -> None:
+    """6 mV/kPa over 50 kPa are 300 mV; the middle of a turn lies half a kPa before its end."""
+    rise, vent = np.linspace(0.0, 50.0, 500, endpoint=False), np.linspace(50.0, 0.0, 10, endpoint=False)
+    pressure = np.concatenate([np.tile(np.concatenate([rise, vent]), 6), np.zeros(100)])
+    rng = np.random.default_rng(0)
+    measured, signal = (
+        v + sd * rng.standard_normal(v.size) for v, sd in ((pressure, 0.02), (1650 + 6 * pressure, 0.3))
+    )
+    run = Recording.from_arrays(np.arange(pressure.size) / RATE, measured, signal[:, None])
+    found = figures(run).sensors[0].figures["fso_mv"]
+    assert found.value == pytest.approx(300.0, rel=0.002)
+
+
 def test_two_levels_drive_no_branch() -> None:
     """The ends were held and jumped between: no loop is seen."""
     found = figures(driven([(50.0, 0.2, 2.0), (0.0, 0.2, 2.0)])).sensors[0].figures["system_hysteresis_percent_fso"]

@@ -52,7 +52,7 @@ from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.gui.widgets.layouts import PageScroll
 from boat_daq.gui.widgets.panel_guard import PanelGuard
 from boat_daq.viewmodels.app_model import AppModel
-from boat_daq.viewmodels.common.files import FileKind, kind_of
+from boat_daq.viewmodels.common.files import TABLE_SUFFIXES, FileKind, kind_of
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import PLACES, TABS, Page, Panel, Place, Tab, page_of
 from boat_daq.viewmodels.live.recording_status import RecordingStatus
@@ -326,8 +326,12 @@ class MainWindow(QMainWindow):
     def dropEvent(self, event: QDropEvent) -> None:
         """Open each file that is dropped."""
         event.acceptProposedAction()
-        for url in event.mimeData().urls():
-            self.model.notices.attempt(partial(self.open_file, Path(url.toLocalFile() or url.toString())))
+        paths = [Path(url.toLocalFile() or url.toString()) for url in event.mimeData().urls()]
+        second = paths[1:] if len(paths) == 2 and all(p.suffix.lower() in TABLE_SUFFIXES for p in paths) else []
+        for path in paths[:1] if second else paths:
+            self.model.notices.attempt(partial(self.open_file, path))
+        for path in second:  # two tables are of one run
+            self.model.notices.attempt(partial(self.model.csv_import.join, path))
 
     def toggle_full_screen(self) -> None:
         """Toggle full screen."""

@@ -134,11 +134,9 @@ def markers_of(path: Path) -> list[tuple[float, str]]:
     return list(read_boat_file(path).meta["markers"])
 
 
-def import_table(
-    path: Path, target: Path, columns: Mapping[str, str], rate_hz: float | None, separator: str | None
-) -> list[str]:
-    """Write a table as a recording, with the columns of `import_csv`; return the notes of the importer."""
-    recording = import_files([path], target, columns, {}, rate_hz=rate_hz, separator=separator)
+def import_tables(paths: Sequence[Path], target: Path, columns: Mapping[str, str], **options: Any) -> list[str]:
+    """Write one or two files as a recording, as `import_files`; return the notes of the importer."""
+    recording = import_files(paths, target, columns, {}, **options)
     return [*recording.meta.get("import_notes", ()), *recording.meta.get("import_issues", ())]
 
 

@@ -9,16 +9,36 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from analysis import load_recording
 from analysis.data.boat_writer import first_difference, write_boat_file
-from analysis.data.csv_import import import_csv, preview
+from analysis.data.csv_import import import_csv
 from analysis.data.export import export
+from boat_daq.viewmodels.common.preferences import Preferences
+from boat_daq.viewmodels.results import csv_import
+from boat_daq.viewmodels.results.csv_import import CsvImport
+from boat_daq.workflows.jobs import JobRunner
 from boat_daq.workflows.run_files import import_capture
 from protocol.base.errors import BoatDaqError
 from protocol.text.proposal import propose
+from tests.boat_daq.viewmodels.helpers import DirectJob
 from tests.field.truth import Run, are_the_truth, is_the_truth, put
 
 NOON = datetime(2024, 5, 26, 12)
 HEAD = ("Time (s)", "Pressure (kPa)", "S1 (mV)")
+
+
+@pytest.fixture
+def window(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> CsvImport:
+    """Return what the window shows of an import, with jobs done at once."""
+    monkeypatch.setattr(csv_import, "Job", DirectJob)
+    return CsvImport(tmp_path, JobRunner(), Preferences(tmp_path), lambda path, noted: None)
+
+
+def opened(window: CsvImport, path: Path) -> None:
+    """Open a file and wait until it is read."""
+    window.open(path)
+    while window.reading:
+        window._jobs.poll()
 
 
 def arrays(run: Run) -> dict[str, np.ndarray]:
@@ -102,15 +122,47 @@ WRITERS = {"lab.xlsx": workbook, "v5.mat": mat, "simulink.mat": simulink, "v73.m
 
 
 @pytest.mark.parametrize("name", WRITERS)
-def test_files_of_other_programs(tmp_path: Path, run: Run, name: str) -> None:
-    """Each gives the known figures, shows its preview, and the import can be repeated from its bytes."""
+def test_files_of_other_programs(tmp_path: Path, run: Run, window: CsvImport, name: str) -> None:
+    """Each gives the known figures; the window shows its columns, and its import can be repeated from its bytes."""
     path = tmp_path / name
     WRITERS[name](path, run)
     is_the_truth(path)
-    assert preview(path)["missing"] == []
-    recording = import_csv(path)
-    write_boat_file(tmp_path / "a.boat", recording, original=path)
+    opened(window, path)
+    assert window.obstacle() == ""
+    assert {window.heading(i) for i in range(1, 1 + len(window.columns))} >= {"Time", "Pressure", "Sensor 1"}
+    window.start("a")
+    window._jobs.poll()
     assert first_difference(tmp_path / "a.boat") == ""
+    assert load_recording(tmp_path / "a.boat").n == run.time_s.size
+
+
+def test_the_window_joins_two_files(tmp_path: Path, run: Run, window: CsvImport) -> None:
+    """The pressure's file alone is no run; with the file of the signals it is, whatever each has."""
+    first = put(tmp_path, [line.rpartition(",")[0] for line in run.lines()], "a.csv")
+    second = put(tmp_path, [f"{line.partition(',')[0]},{line.rpartition(',')[2]}" for line in run.lines()], "b.csv")
+    opened(window, first)
+    assert "sensor" in window.obstacle()
+    with pytest.raises(BoatDaqError, match="is the first file"):
+        window.join(first)
+    window.join(second)
+    assert window.obstacle() == ""
+    assert "joined with b.csv" in window.summary()
+    window.start("both")
+    window._jobs.poll()
+    are_the_truth(load_recording(tmp_path / "both.boat"), "b.csv begins")
+
+
+def test_the_window_reads_a_capture_through_a_profile(tmp_path: Path, run: Run, window: CsvImport) -> None:
+    """Lines with words are no table; the text profile of the board reads them."""
+    form, lines = CAPTURES["JSON"]
+    (tmp_path / "m.toml").write_text(profile_of(lines))
+    opened(window, put(tmp_path, ["Ready.", *run.lines(form, "")], "capture.txt"))
+    assert window.obstacle() != ""
+    window.read_through(tmp_path / "m.toml")
+    assert (window.obstacle(), window.failure) == ("", None)
+    window.start("capture")
+    window._jobs.poll()
+    are_the_truth(load_recording(tmp_path / "capture.boat"))
 
 
 @pytest.mark.parametrize("format", ["csv", "mat", "hdf5", "parquet"])
@@ -161,11 +213,16 @@ CAPTURES = {
 }  # fmt: skip
 
 
+def profile_of(lines: str) -> str:
+    """Return a text profile with these lines."""
+    return f'name = "m"\nkind = "lines"\n[device]\nn_sensors = 1\nrate_hz = 50\n[lines]\n{lines}\n'
+
+
 @pytest.mark.parametrize("name", CAPTURES)
 def test_other_captures(tmp_path: Path, run: Run, name: str) -> None:
     """Text before the lines, and a torn last line, are left out and named."""
     form, lines = CAPTURES[name]
-    profile = f'name = "m"\nkind = "lines"\n[device]\nn_sensors = 1\nrate_hz = 50\n[lines]\n{lines}\n'
+    profile = profile_of(lines)
     path = put(tmp_path, ["Ready.", *run.lines(form, "")], "capture.txt")
     path.write_bytes(path.read_bytes()[:-5])
     recording = import_capture(path, profile)

@@ -1,4 +1,4 @@
-"""The import of a CSV file, in a panel beside the window: its first rows, and which column is what. Not modal."""
+"""The import of a table, in a panel beside the window: its first rows, and which column is what. Not modal."""
 
 from __future__ import annotations
 
@@ -11,11 +11,15 @@ from PySide6.QtWidgets import QComboBox, QDialog, QGridLayout, QWidget
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.data_table import DataTable
+from boat_daq.gui.widgets.file_dialogs import ask_open
+from boat_daq.viewmodels.common.files import TABLE_KINDS
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.results.csv_import import ROLES, SEPARATORS, UNIT_TEXTS, CsvImport, Source
 from protocol.base.units import NOTHING
 
 NOT_IMPORTED = "not in this file"
+SECOND_TIP = "Join another file of the same run, such as that of the pressure logger"
+PROFILE_TIP = "Read captured serial text through the text profile of its board"
 
 
 class ImportPanel(QDialog):
@@ -42,11 +46,13 @@ class ImportPanel(QDialog):
         self.warnings = controls.label("", "small", wrap=True, name="What was guessed")
         self.obstacle = controls.label("", "muted", wrap=True, name="What is missing")
         self.button = controls.button("Import", self._import, "primary")
+        self.second = controls.button("Second file \u2026", self._ask_second, "quiet", tip=SECOND_TIP)
+        self.profile = controls.button("Text profile \u2026", self._ask_profile, "quiet", tip=PROFILE_TIP)
         close = controls.button("Cancel", self.close, name="Cancel the import")
         self.setLayout(
             controls.column(
                 self.summary, (self.preview, 1), self._form(), self.warnings,
-                controls.row((self.obstacle, 1), close, self.button), spacing=style.GAP,
+                controls.row((self.obstacle, 1), self.second, self.profile, close, self.button), spacing=style.GAP,
             )
         )  # fmt: skip
 
@@ -86,6 +92,12 @@ class ImportPanel(QDialog):
 
     def _import(self) -> None:
         self.services.notices.attempt(lambda: self.model.start(self.name.text()))
+
+    def _ask_second(self) -> None:
+        ask_open(self, self.services, "Second file of the run", TABLE_KINDS, self.model.join)
+
+    def _ask_profile(self) -> None:
+        ask_open(self, self.services, "Text profile of the board", "toml", self.model.read_through)
 
     def refresh(self) -> None:
         """Show the file where something has changed; close once it is imported."""

@@ -45,7 +45,7 @@ from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save, open_folder
 from boat_daq.gui.widgets.layouts import EmptyState, Leaves, Shares
 from boat_daq.gui.widgets.text_dialog import TextDialog
-from boat_daq.viewmodels.common.files import TABLE_SUFFIXES
+from boat_daq.viewmodels.common.files import TABLE_KINDS
 from boat_daq.viewmodels.common.services import Page, Place, Services, Tab
 from boat_daq.viewmodels.results.run_entry import MOST_COMPARED, RUN_HEADINGS, RunEntry, obstacle, selection_text
 from boat_daq.viewmodels.results.runs import RunActions, RunsModel
@@ -213,9 +213,8 @@ class RunsPage(QWidget):
         self.details = controls.label("", "small", name="Details of the chosen recordings", wrap=True)
         lines = 2 * QFontMetrics(style.small_font()).lineSpacing()
         self.details.setMinimumHeight(lines)  # a splitter gives a card no height for what wraps in it
-        kinds = " ".join(ending[1:] for ending in TABLE_SUFFIXES)
-        ask = partial(ask_open, self, self.services, "Import a table", kinds, self.services.open)
-        self.import_ = controls.button("Import CSV …", ask, tip="A table of another program, as a recording")
+        ask = partial(ask_open, self, self.services, "Import a table", TABLE_KINDS, self.services.open)
+        self.import_ = controls.button("Import table …", ask, tip="A table of another program, as a recording")
         find = controls.row((self.search, 1), (where, 1), self.folder, self.import_)
         frame, _ = controls.card(head, find, (self.list, 1), self.details)
         return frame

@@ -11,9 +11,10 @@ from protocol.base.errors import RequestError
 from protocol.recording import SUFFIX
 
 TABLE_SUFFIXES = (
-    ".csv", ".tsv", ".txt", ".dat", ".lvm", ".xlsx", ".xls", ".ods", ".mat", ".h5", ".hdf5", ".parquet",
+    ".csv", ".tsv", ".txt", ".dat", ".log", ".lvm", ".xlsx", ".xls", ".ods", ".mat", ".h5", ".hdf5", ".parquet",
 )  # fmt: skip
-OPENED = "Open a recording (.boat), a table (.csv), or a plan or a profile (.toml)."
+TABLE_KINDS = " ".join(ending[1:] for ending in TABLE_SUFFIXES)
+OPENED = "Open a recording (.boat), a table (.csv, .xlsx, .mat ...), or a plan or a profile (.toml)."
 
 
 class FileKind(Enum):

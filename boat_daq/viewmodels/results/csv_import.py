@@ -1,4 +1,4 @@
-"""A CSV file before its import: the quantity and unit of measurement of each column, the separator, the rate.
+"""A table before its import: the quantity and unit of measurement of each column, the separator, the rate.
 
 Strategy: a helper process proposes a map from the titles; the operator corrects it. The choice is kept for files with
 the same columns.
@@ -16,7 +16,7 @@ from boat_daq.engine.recording.file import check_recording_name
 from boat_daq.formatting import count, plain_number
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.workflows.jobs import Job, JobFailure, JobRunner
-from boat_daq.workflows.run_files import import_table, preview_table
+from boat_daq.workflows.run_files import import_tables, preview_table
 from protocol.base.errors import RequestError
 from protocol.recording import SUFFIX
 
@@ -63,6 +63,8 @@ class CsvImport:
     ) -> None:
         self._folder, self._jobs, self._preferences, self._imported = folder, jobs, preferences, imported
         self.path = Path()
+        self.second: Path | None = None  # file of the same run
+        self.profile: Path | None = None  # text profile of a captured serial text
         self.separator = ""  # empty: automatic
         self.name, self.rate = "", ""
         self.sources: dict[str, Source] = {}
@@ -75,8 +77,21 @@ class CsvImport:
     def open(self, path: Path) -> None:
         """Read a file in the background; the columns are then proposed."""
         self.path, self.separator, self.rate, self._seen = path, "", "", {}
+        self.second = self.profile = None
         self.name = self._free_name(path.stem)
         self._read()
+
+    def join(self, path: Path) -> None:
+        """Join a second file of the same run."""
+        if path == self.path:
+            raise RequestError(f"{path.name} is the first file", "Choose the other file of the run.")
+        self.second, self.profile = path, None
+        self.revision += 1
+
+    def read_through(self, profile: Path) -> None:
+        """Read captured serial text through a text profile."""
+        self.profile, self.second, self.failure = profile, None, None
+        self.revision += 1
 
     def separate(self, separator: str) -> None:
         """Read the file again with another separator; empty: the one that is found."""
@@ -138,12 +153,16 @@ class CsvImport:
     def summary(self) -> str:
         """Return how the file is written, in a line; why it cannot be read."""
         seen = self._seen
+        if self.profile is not None:
+            return f"Captured serial text, read through {self.profile.name}"
         if self.failure is not None:
             return self.failure.text
         if not seen:
             return f"Reading {self.path.name} \u2026"
         names = {value: name for name, value in SEPARATORS if value} | {"white space": "space"}
         size = f"{count(seen['rows'], 'row')}, {count(len(self.columns), 'column')}"
+        if self.second is not None:
+            size += f"; joined with {self.second.name} by dates, else by what both show"
         if not seen["separator"]:
             return f"{size}; {seen['encoding']}"
         sign = {".": "point", ",": "comma"}[seen["decimal"]]
@@ -165,8 +184,12 @@ class CsvImport:
 
     def obstacle(self) -> str:
         """Return what is missing for an import; empty where nothing is."""
+        if self.profile is not None:
+            return ""
         if not self.sources:
             return "The file is not read yet."
+        if self.second is not None:  # has what the first has not
+            return "" if self.sources["time_s"].column else "Choose the column of the time."
         if not self.sources["pressure_kpa"].column:
             return "Choose the column of the pressure."
         if not any(self.sources[role].column for role in SIGNALS):
@@ -209,9 +232,15 @@ class CsvImport:
             raise RequestError(f"{target.name} exists already", "Choose another name; no recording is overwritten.")
         self._remember()
         self._folder.mkdir(parents=True, exist_ok=True)
-        rate_hz = None if self.sources["time_s"].column else self._rate_hz()
         label = f"Importing {self.path.name}"
-        job = Job(label, import_table, self.path, target, self.map(), rate_hz, self.separator or None)
+        if self.profile is not None:
+            job = Job(label, import_tables, [self.path], target, {}, text_profile=self.profile)
+        elif self.second is not None:
+            job = Job(label, import_tables, [self.path, self.second], target, self.map())
+        else:
+            rate_hz = None if self.sources["time_s"].column else self._rate_hz()
+            options = {"rate_hz": rate_hz, "separator": self.separator or None}
+            job = Job(label, import_tables, [self.path], target, self.map(), **options)
         job.target = target
         self._jobs.start("csv", job, lambda job: self._ended(job, target))
         self.revision += 1

@@ -19,7 +19,7 @@ from protocol.base.units import NOTHING
 
 NOT_IMPORTED = "not in this file"
 SECOND_TIP = "Join another file of the same run, such as that of the pressure logger"
-PROFILE_TIP = "Read captured serial text through the text profile of its board"
+CAPTURE_TIP = "Read captured serial text through the text profile of its board"
 
 
 class ImportPanel(QDialog):
@@ -47,7 +47,7 @@ class ImportPanel(QDialog):
         self.obstacle = controls.label("", "muted", wrap=True, name="What is missing")
         self.button = controls.button("Import", self._import, "primary")
         self.second = controls.button("Second file \u2026", self._ask_second, "quiet", tip=SECOND_TIP)
-        self.profile = controls.button("Text profile \u2026", self._ask_profile, "quiet", tip=PROFILE_TIP)
+        self.profile = controls.button("Text profile \u2026", self._ask_profile, "quiet", tip=CAPTURE_TIP)
         close = controls.button("Cancel", self.close, name="Cancel the import")
         self.setLayout(
             controls.column(

@@ -7,12 +7,12 @@ of the sources: numba compiles again what lies in a file of another date, as aft
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
-from analysis.compiled import CACHE_FOLDER, PACKAGES
-from analysis.progress import Progress
+from analysis.compiled import CACHE_FOLDER, PACKAGES, expect_all
 from protocol.base.whole_file import write_whole
 
 _DONE = "complete"
@@ -76,19 +76,20 @@ def _dates() -> str:
     return "\n".join(str(file.stat().st_mtime_ns) for file in (*files, *(_HERE / name for name in _ALONE)))
 
 
-def compile_all(*, notify: Callable[[str], None] | None = None, progress: Progress | None = None) -> bool:
+def compile_all(*, notify: Callable[[str], None] | None = None) -> bool:
     """Compile what is not in the cache; return whether something was to be done.
 
     `notify`: function of the name of each step, as it begins.
     """
     if is_complete():
         return False
-    for done, (name, step) in enumerate(COMPILE_STEPS.items()):
+    for name in ("optics.tracer.simulation", "shadow.fem.problem", "calibration.inverse", "segmentation.cycles"):
+        import_module(f"analysis.{name}")
+    expect_all()
+    for name, step in COMPILE_STEPS.items():
         if notify is not None:
             notify(name)
         step()
-        if progress is not None:
-            progress(done + 1, len(COMPILE_STEPS))
     if CACHE_FOLDER is not None:
         write_whole(CACHE_FOLDER / _DONE, _dates())
     return True

@@ -7,7 +7,8 @@ where a product is fused with a sum).
 numba reuses cached code while the function's own file is unchanged, although functions of other files are compiled into
 it. The cache folder is therefore named by a hash of all files in `PACKAGES` and of the compiler's versions. It lies
 beside the sources of a checkout, and in the user's cache folder where they are installed. What takes long to compile is
-announced once by the logger `analysis.compiled`, which writes to standard error.
+announced once by the logger `analysis.compiled`, which writes to standard error; `analysis.progress.compiling` shows
+how much of it is done.
 
 Rule: a compiled function calls compiled functions of its own file or of `PACKAGES` only (tested).
 """
@@ -23,7 +24,7 @@ import time
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
-from types import FunctionType
+from types import FunctionType, ModuleType
 from typing import Any, TypeVar, cast
 
 import numba
@@ -31,11 +32,15 @@ import numba.extending
 import platformdirs
 from numba.core import cgutils, event
 
+from analysis.progress import show_compiled
+
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 PACKAGES = ("optics/scene", "optics/tracer", "shadow/fem")
-COMPILE_S = {"analysis.optics": 10, "analysis.shadow": 20}
-"""CPU time that the first call of a package takes to compile; elsewhere it is not worth a line."""
+ANNOUNCED = ("analysis.optics", "analysis.shadow")
+"""Packages that take long to compile; elsewhere it is not worth a line."""
+FUNCTION_S = 0.2
+"""CPU time that a function takes to compile, in the mean."""
 UNUSED_S = 30 * 86_400.0
 _HERE = Path(__file__).parent
 _INSTALLED = {"site-packages", "dist-packages"}
@@ -75,26 +80,71 @@ def _remove_unused(base: Path) -> None:
 
 
 CACHE_FOLDER = _cache_folder()
+_FUNCTIONS: set[Any] = set()
 
 
-class _Announcement(event.Listener):
-    """Says once for each package that it is being compiled, when the first of its functions is not in the cache."""
+def _with_callees(function: Any) -> set[Any]:
+    """Return a function and the compiled functions that it calls, directly or not."""
+    found, waiting = set(), [function]
+    while waiting:
+        if (each := waiting.pop()) not in found:
+            found.add(each)
+            code, names = each.py_func.__code__, each.py_func.__globals__
+            modules = [vars(names[name]) for name in code.co_names if isinstance(names.get(name), ModuleType)]
+            named = (place.get(name) for place in (names, *modules) for name in code.co_names)
+            waiting += [called for called in named if hasattr(called, "py_func")]
+    return found
+
+
+def _package_of(function: Any) -> str:
+    return ".".join(function.py_func.__module__.split(".")[:2])
+
+
+class _Compilation(event.Listener):
+    """Counts the functions that are compiled, and says once for each package that it begins."""
 
     def __init__(self) -> None:
+        self._depth = 0
         self._said: set[str] = set()
+        self.done: set[Any] = set()
+        self.expected: set[Any] = set()
 
     def on_start(self, event: Any) -> None:
-        """Announce the package of a function that numba begins to compile."""
-        package = ".".join(event.data["dispatcher"].py_func.__module__.split(".")[:2])
-        if package in COMPILE_S and package not in self._said:
-            self._said.add(package)
-            _LOG.warning("compiling once, about %d s", COMPILE_S[package])
+        """Expect what a function calls, and what may follow: the package's functions that do not call it."""
+        function = event.data["dispatcher"]
+        if function not in _FUNCTIONS:
+            return
+        if self._depth == 0:
+            package = _package_of(function)
+            calls = {each: _with_callees(each) for each in _FUNCTIONS if _package_of(each) == package}
+            entries = [each for each in calls if "no_cpython_wrapper" not in each.targetoptions]
+            self.expected |= calls[function].union(*(calls[each] for each in entries if function not in calls[each]))
+            if package in ANNOUNCED and package not in self._said:
+                self._said.add(package)
+                _LOG.warning("compiling once, about %.0f s", len(self.expected - self.done) * FUNCTION_S)
+        self._depth += 1
 
     def on_end(self, event: Any) -> None:
-        """Nothing is said."""
+        """Show how many are compiled, of how many."""
+        function = event.data["dispatcher"]
+        if function in _FUNCTIONS:
+            self._depth -= 1
+            self.done.add(function)
+            show_compiled(len(self.done), len(self.expected))
 
 
-cast(Any, event).register("numba:compile", _Announcement())
+_COMPILATION = _Compilation()
+cast(Any, event).register("numba:compile", _COMPILATION)
+
+
+def expect_all() -> None:
+    """Expect that all functions that are imported will be compiled."""
+    _COMPILATION.expected |= _FUNCTIONS
+
+
+def _noted(function: Any) -> Any:
+    _FUNCTIONS.add(function)
+    return function
 
 
 def _cached(function: Function, **options: Any) -> Function:
@@ -103,7 +153,7 @@ def _cached(function: Function, **options: Any) -> Function:
     _CONFIG.CACHE_DIR = str(CACHE_FOLDER or before)
     try:
         jit = numba.njit(cache=CACHE_FOLDER is not None, nogil=True, error_model="numpy", **options)
-        return cast(Function, jit(function))
+        return cast(Function, _noted(jit(function)))
     finally:
         _CONFIG.CACHE_DIR = before
 
@@ -125,7 +175,7 @@ def inside(function: Function, **options: Any) -> Function:
     """
     without_entry: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
     jit: Any = numba.njit(nogil=True, error_model="numpy", **without_entry, **options)
-    return cast(Function, jit(function))
+    return cast(Function, _noted(jit(function)))
 
 
 def inside_fusing(function: Function) -> Function:

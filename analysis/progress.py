@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 Progress = Callable[[float, float], None]
 """Called with (done, total) while work proceeds; raising from it cancels the work."""
@@ -16,3 +17,22 @@ def part_of(progress: Progress | None, before: float, size: float, total: float)
             progress(before + size * done / of, total)
 
     return within
+
+
+_shown: list[Progress] = []
+
+
+@contextmanager
+def compiling(progress: Progress) -> Iterator[None]:
+    """Have `progress` called with the number of functions that are compiled, and of how many, while this is entered."""
+    _shown.append(progress)
+    try:
+        yield
+    finally:
+        _shown.remove(progress)
+
+
+def show_compiled(done: float, total: float) -> None:
+    """Show how many functions are compiled where that was asked for last."""
+    for progress in _shown[-1:]:
+        progress(done, total)

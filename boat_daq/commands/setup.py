@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from boat_daq.commands.console import JsonOption, notify, present
+from boat_daq.commands.console import JsonOption, notify, present, progress_bar
 from boat_daq.commands.options import one_of
 
 _TEXTS = {"calibration": "the inverse of calibrations", "rays": "the ray tracer", "shadow": "the finite elements"}
@@ -44,7 +44,8 @@ def setup(
     from analysis.compiled import CACHE_FOLDER
 
     before = time.process_time()
-    compiled = compile_all(notify=lambda step: notify(f"compiling {_TEXTS[step]}"))
+    with progress_bar("compiling"):
+        compiled = compile_all(notify=lambda step: notify(f"compiling {_TEXTS[step]}"))
     cpu_s, folder = time.process_time() - before, str(CACHE_FOLDER or "")
     text = f"compiled in {cpu_s:.0f} s of CPU time, kept in {folder}" if compiled else f"all is compiled, in {folder}"
     present({"compiled": compiled, "cpu_s": cpu_s, "folder": folder}, text, as_json=as_json)

@@ -11,6 +11,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, Ti
 from rich.table import Table
 from rich.text import Text
 
+from analysis.progress import compiling
+
 
 class PlainConsole(Console):
     """A console that prints text from files literally: no markup, no emoji, no terminal control characters."""
@@ -53,6 +55,11 @@ def bar(label: str) -> Iterator[Callable[[float, float], None]]:
         task = progress.add_task(label, total=None)
 
         def advance(done: float, total: float, /) -> None:
-            progress.update(task, completed=done, total=total)
+            progress.update(task, description=label, completed=done, total=total)
 
-        yield advance
+        def compiled(done: float, total: float, /) -> None:
+            text = f"compiling once: {done:.0f} of at most {total:.0f} functions"
+            progress.update(task, description=text, completed=done, total=total)
+
+        with compiling(compiled):
+            yield advance

@@ -336,7 +336,7 @@ class Strip(QWidget):
         self.work.setVisible(bool(running) and not crowded)
         if running:
             job = running[-1]
-            controls.set_text(self.work, job.label)
+            controls.set_text(self.work, job.counted or job.label)
             self.work.setMaximumWidth(max(style.VENT_WIDTH, self.width() // 4))  # the rest is the message's
             self.bar.setToolTip(job.label)
             self.bar.setRange(0, 0 if job.fraction is None else 1000)

@@ -141,7 +141,9 @@ class AppModel:
     def _conversion_compiled(self, job: Job) -> None:
         self.unit.release()
         if job.result:
-            self.jobs.start("compiled code", Job("Compiling, at the first start only", compile_rest), lambda _: None)
+            compile_once = Job("Compiling once", compile_rest)
+            compile_once.counts = "functions"
+            self.jobs.start("compiled code", compile_once, lambda _: None)
 
     def tick(self) -> SessionSnapshot:
         """Take a snapshot and the results of background work; return the snapshot."""

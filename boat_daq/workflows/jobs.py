@@ -85,7 +85,7 @@ def _run(pipe: Connection, function: Callable[..., object], args: tuple[Any, ...
         nonlocal last
         if monotonic() - last >= REPORT_EVERY_S or done >= total:
             last = monotonic()
-            pipe.send((JobState.RUNNING, float(done) / float(total) if total else None))
+            pipe.send((JobState.RUNNING, (float(done), float(total))))
 
     try:
         parameters = inspect.signature(function).parameters
@@ -131,6 +131,8 @@ class Job:
 
     def __init__(self, label: str, function: Callable[P, object], /, *args: P.args, **kwargs: P.kwargs) -> None:
         self.label = label
+        self.counts = ""  # plural of what its progress is counted in, if that is shown
+        self.counted = ""
         self.state = JobState.RUNNING
         self.fraction: float | None = None
         self.result: Any = None
@@ -165,7 +167,9 @@ class Job:
                 self.first = value.result
                 continue
             if state is JobState.RUNNING:
-                self.fraction = value
+                done, total = value
+                self.fraction = done / total if total else None
+                self.counted = f"{self.label}: {done:.0f} of {total:.0f} {self.counts}" if self.counts else ""
                 continue
             self.result, self.failure = (value, None) if state is JobState.DONE else (None, value)
             self._finish(state)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Generator
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.calibration.record import CalibrationRecord
+from analysis.progress import Progress, compiling
 from boat_daq.engine.sample_columns import columns
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkError, LinkState, SessionSnapshot
@@ -113,11 +115,12 @@ def compile_conversion() -> bool:
     return missing
 
 
-def compile_rest() -> None:
-    """Compile everything that is not in the cache."""
+def compile_rest(progress: Progress | None = None) -> None:
+    """Compile everything that is not in the cache; the progress is counted in functions."""
     from analysis.compile_all import compile_all
 
-    compile_all()
+    with nullcontext() if progress is None else compiling(progress):
+        compile_all()
 
 
 def conversion_in_force(session: Session, unit: str) -> tuple[Conversion | None, str]:

@@ -139,9 +139,6 @@ class SweepSummary:
         return out
 
 
-COMPILING = "compiling the tracer for this computer, once, about a minute"
-
-
 def rays_text(rays: int | Within) -> str:
     """Return a number of rays, or their error, as it is shown."""
     if isinstance(rays, Within):
@@ -509,8 +506,9 @@ class OpticsModel:
     def _progress_text(self) -> str:
         """Return how much of the running trace is done."""
         job = self.jobs.get("optics")
-        if job is not None and job.fraction is None and self.jobs.get("compiled code") is not None:
-            return COMPILING
+        compiling = self.jobs.get("compiled code")
+        if job is not None and job.fraction is None and compiling is not None:
+            return compiling.counted or compiling.label
         done = "" if job is None or job.fraction is None else f" {number(100 * job.fraction, 0)} %"
         return "" if job is None else f"tracing \u2026{done}"
 

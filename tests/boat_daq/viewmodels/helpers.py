@@ -26,6 +26,7 @@ class DirectJob:
     """A job that is done in this process, at once: for tests of what is shown, not of the processes."""
 
     def __init__(self, label, function, /, *args, **kwargs):
+        self.counted = ""
         self.label, self.result, self.failure, self.fraction, self.permille = label, None, None, None, 0
         try:
             self.result, self.state = function(*args, **kwargs), JobState.DONE

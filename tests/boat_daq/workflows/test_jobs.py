@@ -48,8 +48,10 @@ def pause(seconds):
 def test_job_returns_progress_and_result():
     """A function named by its place runs in another process; progress and result arrive by polling alone."""
     job = Job("Squaring", slow_square, 12)
+    job.counts = "steps"
     until(lambda: job.poll() is not JobState.RUNNING)
     assert (job.state, job.result, job.permille) == (JobState.DONE, 144, 1000)
+    assert job.counted.startswith("Squaring: ") and job.counted.endswith(" steps")
 
 
 def load():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
@@ -222,11 +223,14 @@ def test_first_opening_shows_the_shipped_sweep_and_what_is_being_done(qtbot, app
     shown.refresh()
     assert shown.best.text().startswith("Best:")
     assert shown.strip.others.x.size + shown.strip.tied.x.size == 648
-    job, names = FakeJob.made[-1], {"optics": FakeJob.made[-1], "compiled code": object()}
+    job, names = (
+        FakeJob.made[-1],
+        {"optics": FakeJob.made[-1], "compiled code": SimpleNamespace(counted="compiling once: 3 of 98 functions")},
+    )
     monkeypatch.setattr(app_model.optics.jobs, "get", names.get)
     job.fraction = None
     shown.refresh()
-    assert shown.scene.empty_text.text().startswith("Compiling the tracer for this computer, once")
+    assert shown.scene.empty_text.text().startswith("Compiling once: 3 of 98 functions.")
     job.fraction = 0.4
     shown.refresh()
     assert shown.scene.empty_text.text() == "Tracing \u2026 40 %. Drawn next: the light guide and its rays."

@@ -23,6 +23,7 @@ import math
 import os
 import re
 import secrets
+import socket
 import stat
 import threading
 import time
@@ -44,6 +45,7 @@ STUCK_S = 30.0
 NEW_CLIENTS = 8  # connections that have sent no line yet
 FIRST_LINE_S = 5.0
 TOKEN_LEAST = 16  # letters
+_KEEPALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3, "TCP_USER_TIMEOUT": 11_000}  # 11 s in all
 _CLOSING = "error_connect . "
 _FIRST_LINE = re.compile(
     rb"(?:\*IDN\?|describe|ping|activate|deactivate|read|change|do|logging|help|_authenticate)(?: [^\r\n]*)?\r?\n"
@@ -149,6 +151,7 @@ class SecopServer:
 
     async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         client = _Client(writer)
+        _notice_a_dead_peer(writer.get_extra_info("socket"))
         try:
             line = await self._first_line(reader, writer)
             if line and (self._local or await self._authenticated(client, line)):
@@ -269,6 +272,14 @@ class SecopServer:
                 if client.sent.get(name) != value and client.subscribed & {"", name.partition(":")[0]}:
                     client.sent[name] = value
                     client.writer.write(line.encode() + b"\n")
+
+
+def _notice_a_dead_peer(connection: socket.socket) -> None:
+    """Have the system end a connection whose computer or cable has failed: it closes nothing itself."""
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for name, value in _KEEPALIVE.items():
+        if hasattr(socket, name):
+            connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)
 
 
 async def _closed(writer: asyncio.StreamWriter) -> None:

@@ -228,9 +228,48 @@ def test_updates_follow_an_activation(session: Session, server: SecopServer) -> 
     while not (line := client.line()).startswith("active"):
         lines.append(line)
     assert {line.split()[1] for line in lines} >= {"pressure:value", "pressure:status", "pressure:target"}
-    assert client.line().startswith("update pressure:")
+    told = [client.line().rpartition(", {")[0] for _ in range(12)]
+    assert all(line.startswith("update pressure:") for line in told)
+    assert len([line for line in told if line.startswith("update pressure:status")]) == 1  # what changes, and no more
     assert client.ask("deactivate pressure")[0] == "inactive"
     client.close()
+
+
+def test_requests_are_limited_but_not_vent(server: SecopServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """At twenty a second the last ten of thirty take half a second; VENT with and without its data goes on at once."""
+    client = Client(server.port)
+    client.ask("ping 1")
+    monkeypatch.setattr(secop_server, "MOST_A_SECOND", 20)
+    began_s = time.monotonic()
+    for _ in range(30):
+        assert client.ask("do nothing:_at_all")[0] == "error_do"
+    assert time.monotonic() - began_s >= 0.4
+    monkeypatch.setattr(secop_server, "MOST_A_SECOND", 0.05)
+    for line in ("do vent:_vent", "do vent:_vent null", "do vent:_vent"):
+        assert client.ask(line)[0] == "done"
+    assert (server.requests, server.refused) == (34, 0)
+    client.close()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the options of its sockets")
+def test_a_client_whose_computer_fails_has_left(server: SecopServer) -> None:
+    """It closes nothing: the system ends the connection after 11 s, then the dead-man time begins."""
+    client = Client(server.port)
+    client.ask("ping 1")
+    (served,) = server._clients
+    connection = served.writer.get_extra_info("socket")
+    options = [socket.TCP_KEEPIDLE, socket.TCP_KEEPINTVL, socket.TCP_KEEPCNT]
+    idle_s, each_s, count = (connection.getsockopt(socket.IPPROTO_TCP, option) for option in options)
+    assert connection.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE) == 1
+    assert idle_s + each_s * count <= 11
+    assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == 11_000
+    client.close()
+
+
+def test_an_address_in_use_is_refused_with_its_cause(session: Session, server: SecopServer, tmp_path: Path) -> None:
+    with pytest.raises(RequestError, match=rf"^127\.0\.0\.1:{server.port} cannot be listened on: ") as refusal:
+        SecopServer(SecopNode(session, tmp_path), ("127.0.0.1", server.port))
+    assert isinstance(refusal.value.__cause__, OSError)
 
 
 def test_a_client_arms_the_plans_that_it_is_given_and_no_file(session: Session, tmp_path: Path) -> None:
@@ -266,17 +305,19 @@ def test_read_only_refuses_all_but_vent(session: Session, tmp_path: Path) -> Non
 def test_other_computers_need_a_token(session: Session, tmp_path: Path) -> None:
     """No address beyond loopback without one; without it not even VENT; a wrong one is refused late."""
     node = SecopNode(session, tmp_path)
-    with pytest.raises(RequestError, match="can be reached from other computers"):
-        SecopServer(node, ("0.0.0.0", 0))
+    for host in ("0.0.0.0", "lab.example"):
+        with pytest.raises(RequestError, match=f"^{host} can be reached from other computers"):
+            SecopServer(node, (host, 0))
     path = tmp_path / "token"
     path.write_text("short\n")
     path.chmod(0o600)
     with pytest.raises(RequestError, match="no usable token"):
         read_token(path)
     path.write_text("0123456789abcdef\n")
-    path.chmod(0o644)
-    with pytest.raises(RequestError, match="can be read by other users"):
-        read_token(path)
+    for mode in (0o644, 0o640, 0o601):
+        path.chmod(mode)
+        with pytest.raises(RequestError, match="can be read by other users"):
+            read_token(path)
     path.chmod(0o600)
     server = SecopServer(node, ("0.0.0.0", 0), token=read_token(path))
     wrong, right = Client(server.port), Client(server.port)
@@ -314,7 +355,7 @@ def test_a_server_closes_while_a_connection_does() -> None:
 @pytest.mark.fault(57, how="eight idle clients")
 def test_the_number_of_clients_is_limited_but_not_for_vent(session: Session, server: SecopServer) -> None:
     """With all places taken by idle clients a further one is refused, and its VENT carried out."""
-    clients = [Client(server.port) for _ in range(secop_server.CLIENTS)]
+    clients = [Client(server.port) for _ in range(8)]
     for client in clients:
         assert client.ask("ping 1")[0] == "pong"
     more, venting = Client(server.port), Client(server.port)
@@ -409,10 +450,12 @@ def test_control_needs_the_token_on_this_computer_too(session: Session, server: 
     wrong.send("_authenticate fedcba9876543210")
     assert "a token is required" in wrong.line()
     assert time.monotonic() - began_s >= 1.0
+    assert server.refused == 1
     assert client.authenticated().ask("change pressure:target 10")[0] == "changed"
-    made = secop_server.own_token(tmp_path / "home" / "secop-token")
-    assert secop_server.own_token(tmp_path / "home" / "secop-token") == made
-    assert (tmp_path / "home" / "secop-token").stat().st_mode & 0o777 == 0o600
+    made = secop_server.own_token(tmp_path / "new" / "home" / "secop-token")
+    assert secop_server.own_token(tmp_path / "new" / "home" / "secop-token") == made
+    assert secop_server.own_token(tmp_path / "secop-token") != made  # its folder is there already
+    assert (tmp_path / "new" / "home" / "secop-token").stat().st_mode & 0o777 == 0o600
     with pytest.raises(RequestError, match="needs a token"):
         SecopServer(SecopNode(session, tmp_path, allow_control=True), ("127.0.0.1", 0))
     for one in (client, wrong):

@@ -7,6 +7,7 @@ a staircase is held; a rise through both is an upstroke. Cycles run from rise to
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -175,13 +176,14 @@ def _half_distance(
 ) -> float:
     """Return half the mean distance of the branches' y at equal x, over 30 to 70 % of the span between the ends.
 
-    Each branch is a polynomial through its samples there and a little around, so that neither the noise of x nor the
-    places of few samples move it.
+    Each branch is a polynomial through its samples there and a little around, so that the noise of x does not move it;
+    few, as where the answer turns at once, are joined by lines, which do not overshoot.
     """
     span = ends[1] - ends[0]
     if span <= 0:
         return float("nan")
-    curves, places = [], []
+    curves: list[Callable[[FloatArray], FloatArray]] = []
+    places = []
     for rows, fast in zip(branches, moving, strict=True):
         share = (x[rows] - ends[0]) / span
         middle = (share >= MIDDLE[0]) & (share <= MIDDLE[1]) & fast[rows]
@@ -190,10 +192,19 @@ def _half_distance(
         inside = (share >= away) & (share <= 1.0 - away) & fast[rows]
         if inside.sum() < FEWEST_IN_BRANCH:
             return float("nan")
-        curves.append(np.polyfit(2.0 * share[inside] - 1.0, y[rows][inside], 2 if few else 4))
-        places.append(2.0 * (np.linspace(*MIDDLE, 41) if few else share[middle]) - 1.0)
+        places.append(np.linspace(*MIDDLE, 41) if few else share[middle])
+        curves.append(_curve(share[inside], y[rows][inside], joined=few))
     at = np.concatenate(places)
-    return 0.5 * abs(float((np.polyval(curves[1], at) - np.polyval(curves[0], at)).mean()))
+    return 0.5 * abs(float((curves[1](at) - curves[0](at)).mean()))
+
+
+def _curve(x: FloatArray, y: FloatArray, *, joined: bool) -> Callable[[FloatArray], FloatArray]:
+    """Return y(x) of a branch: its points joined by lines, or a polynomial through them."""
+    order = np.argsort(x)
+    if joined:
+        return lambda at: np.interp(at, x[order], y[order])
+    polynomial = np.polynomial.Polynomial.fit(x, y, 4)
+    return lambda at: np.asarray(polynomial(at), dtype=np.float64)
 
 
 def _mean_sd(values: FloatArray | list[float]) -> tuple[float, float]:

@@ -7,6 +7,7 @@ periods would be the same multiple of the sampling interval throughout.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,26 @@ from protocol.base.arrays import FloatArray
 
 LOW_KPA, SPAN_KPA = -40.0, 90.0
 HOLDS_DIFFER, RAMPS_DIFFER = 0.10, 0.05
+
+
+def half_widths(
+    time_s: np.ndarray, x: np.ndarray, y: np.ndarray, up_rows: np.ndarray, samples: int = 15
+) -> tuple[float, float]:
+    """Mean and sd over cycles of half the distance of the branches' means over 30 to 70 % of the stroke above 2 mm/s.
+
+    The branch is the direction of a moving mean of x over so many samples; of one it is the sign of each step, as the
+    published reference takes it, wrong for up to 0.9 % of the samples, which makes it up to 2.6 % smaller.
+    """
+    low, high = np.percentile(x, [1, 99])
+    padded = np.pad(x, samples // 2, mode="edge")
+    speed = np.gradient(np.convolve(padded, np.full(samples, 1.0 / samples), "valid"), time_s)
+    inside = ((x - low) / (high - low) >= 0.3) & ((x - low) / (high - low) <= 0.7) & (np.abs(speed) > 2.0)
+    found = []
+    for first, last in itertools.pairwise(up_rows.tolist()):
+        rows = np.arange(first, last)
+        up, down = (y[rows[inside[rows] & (way * speed[rows] > 0)]].mean() for way in (1, -1))
+        found.append(0.5 * abs(up - down))
+    return float(np.mean(found)), float(np.std(found, ddof=1))
 
 
 @dataclass(frozen=True, slots=True)

@@ -73,9 +73,10 @@ def test_spline_is_converted_as_a_spline(result):
     fit = fit_by_branch(
         stored["elongation_mm"], stored["signal_mv"], "spline", positions=stored["positions"],
         branch=stored["branches"], reading_sd=stored["reading_sd_mm"],
+        shared=np.asarray(stored["ambient_mv"]) if "ambient_mv" in stored else None,
     )  # fmt: skip
     x = np.array([-1.0, 0.3, 2.0])
-    assert spline(fit.predict(x)[:, None]).mm == pytest.approx(x, abs=5e-4)
+    assert spline(fit.predict(x)[:, None]).mm == pytest.approx(x, abs=1e-6)
     assert np.abs(cubic(fit.predict(x)[:, None]).mm - x).max() > 1e-3
 
 

@@ -86,7 +86,11 @@ def test_uncertainty_of_the_curve_is_that_of_many_sessions(loop_mv: float) -> No
 
 @pytest.mark.parametrize(("grid_mm", "scatter_mm", "bias_percent"), [(0.5, 0.15, 1.0), (1.0, 0.3, 1.6)])
 def test_scattered_readings_do_not_flatten_the_curve(grid_mm: float, scatter_mm: float, bias_percent: float) -> None:
-    """The sensitivity is unbiased within its scatter over 30 sessions; that of all points over its range is not."""
+    """The sensitivity is unbiased within its scatter over 30 sessions; that of all points over its range is not.
+
+    Over 300 sessions it is 0.23 +- 0.11 % too small on a grid of 0.5 mm, 1.01 +- 0.20 % on one of 1 mm, where the
+    reading is no more corrected for errors of x: these 30 give 0.90 and 1.12 %.
+    """
     truth = (CUBIC(HIGH) - CUBIC(LOW)) / (HIGH - LOW)
     found, plain = [], []
     for each in sessions(30, CUBIC, grid_mm, scatter_mm):
@@ -97,7 +101,7 @@ def test_scattered_readings_do_not_flatten_the_curve(grid_mm: float, scatter_mm:
             errors.append((high - low) / (ends[1] - ends[0]) - exact)
     error = np.std(found) / np.sqrt(30)
     assert abs(np.mean(found)) < 3 * error
-    assert abs(np.mean(found)) < 0.012 * truth
+    assert abs(np.mean(found)) < (0.01 if grid_mm < 1.0 else 0.012) * truth
     assert -np.mean(plain) > 0.01 * bias_percent * truth
 
 

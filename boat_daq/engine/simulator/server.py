@@ -433,7 +433,9 @@ def serve(settings: BoardSettings) -> ServedBoard:
     """Serve a board beside this program, in a process of its own."""
     text = json.dumps(dataclasses.asdict(settings))
     pipe = subprocess.PIPE
-    process = start_module("boat_daq.engine.simulator.server", text, stdin=pipe, stdout=pipe, text=True)
+    process = start_module(
+        "boat_daq.engine.simulator.server", text, stdin=pipe, stdout=pipe, text=True, start_new_session=True
+    )
     assert process.stdin is not None
     assert process.stdout is not None
     url, _, camera_url = process.stdout.readline().strip().partition(" ")
@@ -451,7 +453,8 @@ def serve(settings: BoardSettings) -> ServedBoard:
 def _serve_for_parent(text: str) -> None:
     """Serve with the settings in `text` (JSON) until standard input ends.
 
-    Ctrl-C is left to the parent: a board that ended first could not be vented any more.
+    Ctrl-C is left to the parent: a board that ended first could not be vented any more. A session of its own keeps it
+    away while this process is still importing; on Windows there is none.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     stated: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in json.loads(text).items()}
@@ -466,9 +469,11 @@ def _serve_for_parent(text: str) -> None:
         stop.set()
 
     threading.Thread(target=wait_for_parent, daemon=True).start()
-    sys.stdout.write(f"{server.url} {server.camera_url}\n")
-    sys.stdout.flush()
     with contextlib.closing(server):
+        try:
+            os.write(sys.stdout.fileno(), f"{server.url} {server.camera_url}\n".encode())
+        except BrokenPipeError:  # the parent is gone
+            return
         server.run(stop.is_set)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import select
+import signal
 import socket
 import subprocess
 import sys
@@ -403,3 +404,18 @@ def test_process_ends_with_its_parent():
     while (alive := answers(address[0], int(address[2]))) and time.monotonic() < deadline:
         time.sleep(0.05)
     assert not alive
+
+
+@pytest.mark.skipif(os.name != "posix", reason="groups of processes")
+def test_ctrl_c_while_a_board_starts_reaches_its_parent_alone():
+    """The terminal sends it to all; the process of the board, still importing, prints no traceback of its own."""
+    code = (
+        "from boat_daq.engine.simulator.server import *; print(flush=True); "
+        "board = serve(BoardSettings(port='127.0.0.1:0')); print(flush=True); sys.stdin.read()"
+    )
+    command, pipe = [sys.executable, "-c", code], subprocess.PIPE
+    parent = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True, start_new_session=True)
+    parent.stdout.readline()
+    time.sleep(0.15)
+    os.killpg(parent.pid, signal.SIGINT)
+    assert parent.communicate()[1].count("Traceback") == 1

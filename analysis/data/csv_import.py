@@ -75,6 +75,7 @@ def import_csv(
     Parameters
     ----------
     columns : NAME -> "COLUMN[*SCALE][+OFFSET][:UNIT]"; COLUMN is a name or a number from 1; "" for no column.
+    rate_hz : sampling rate in place of a column of the time.
     profile : a saved map (`save_profile`); `columns` overrides it.
     separator : column separator, " " for white space; found when None.
     skip : lines above the table.
@@ -89,6 +90,10 @@ def import_csv(
     """
     path = Path(path)
     wanted = {**(load_profile(profile) if profile else {}), **(columns or {})}
+    if rate_hz is not None and wanted.get("time_s"):
+        raise RequestError("both a rate and a column of the time are given", "Omit one of them.")
+    if rate_hz is not None:
+        wanted["time_s"] = ""
     spared = ({"time_s"} if rate_hz is not None else set()) | ({"pressure_kpa"} if signals_only else set())
     values, meta = _run_values(path, wanted, spared, rate_hz, separator, skip, stated)
     return _assembled(values, meta | {"import_columns": wanted}, path)

@@ -35,7 +35,7 @@ MapOption = Annotated[
     ),
 ]
 RateOption = Annotated[
-    float | None, typer.Option("--rate", min=0.001, metavar="HZ", help="Sampling rate of a CSV without time.")
+    float | None, typer.Option("--rate", min=0.001, metavar="HZ", help="Sampling rate, in place of a column of time.")
 ]
 SeedOption = Annotated[int, typer.Option(min=0, help="Seed of the intervals and the posterior.")]
 NoMcmcOption = Annotated[bool, typer.Option("--no-mcmc", help="Omit the posterior.")]

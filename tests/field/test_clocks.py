@@ -60,6 +60,15 @@ def timed(form: str, scale: float, offset: float, wrap: float = 0.0, title: str 
     return write
 
 
+def test_a_rate_replaces_the_column_of_the_time(tmp_path: Path, run: Run) -> None:
+    """Whole-second stamps are then not used; a mapped time beside it is refused."""
+    path = put(tmp_path, stamped("%Y-%m-%d %H:%M:%S", run))
+    recording = import_csv(path, rate_hz=50.0)
+    np.testing.assert_allclose(recording.time_s, np.arange(run.time_s.size) / 50.0)
+    with pytest.raises(BoatDaqError, match="both a rate and a column"):
+        import_csv(path, rate_hz=50.0, columns={"time_s": "Time"})
+
+
 def german(run: Run) -> list[str]:
     """Return months in German, a decimal comma in the stamps, semicolons."""
     lines = [line.replace(",", ";") for line in stamped("%d-%b-%Y %H:%M:%S_{ms}", run)]

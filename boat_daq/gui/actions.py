@@ -315,9 +315,6 @@ def models(window: MainWindow) -> list[Command]:
         names = list(SCALES)
         m.shadow.quantity = names[(names.index(m.shadow.quantity) + 1) % len(names)]
 
-    def show_frame_time() -> None:
-        m.shadow.show_cost = not m.shadow.show_cost
-
     def map_method() -> None:
         m.atlas.toggle(m.tradeoff.shown)
 
@@ -326,7 +323,6 @@ def models(window: MainWindow) -> list[Command]:
         _seldom("Sweep all designs, or stop", on(Tab.OPTICS, m.optics.toggle_sweep)),
         _seldom("Optimise beyond the grid, or stop", on(Tab.OPTICS, m.optics.toggle_search)),
         _seldom("Next shadow colouring", next_colouring),
-        _seldom("Show frame time", show_frame_time, also="cost shadow"),
         _seldom("Measure this computer, or stop", on(Tab.ACCURACY, m.tradeoff.toggle)),
         _seldom("Map where the method fails, or stop", on(Tab.ACCURACY, map_method)),
     ]

@@ -331,9 +331,8 @@ class Strip(QWidget):
         controls.set_text(self.behind, f"{waiting} more" if waiting else "")
         running = self.jobs.running()
         crowded = notice is not None and self.width() < style.NARROW_BELOW
-        for widget in (self.bar, self.cancel):
-            widget.setVisible(bool(running))
-        self.work.setVisible(bool(running) and not crowded)
+        for widget in (self.bar, self.cancel, self.work):  # the palette cancels, too
+            widget.setVisible(bool(running) and not crowded)
         if running:
             job = running[-1]
             controls.set_text(self.work, job.counted or job.label)

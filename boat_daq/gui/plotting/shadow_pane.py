@@ -11,7 +11,6 @@ import pyqtgraph as pg
 from numpy.typing import NDArray
 from PySide6.QtCore import QPointF, QRectF, Qt
 from PySide6.QtGui import (
-    QAction,
     QColor,
     QGuiApplication,
     QPainter,
@@ -35,7 +34,7 @@ from boat_daq.viewmodels.live.shadow_live import COLOUR_LEVELS, SCALES, ShadowLi
 from protocol.base.errors import RequestError
 
 VIEW_MM = QRectF(-31.0, -15.0, 62.0, 108.0)  # of (x, z)
-LINES = 7
+LINES = 6
 DOT = 7
 LEGEND_LINE, LEGEND_MARK = 16, 12
 GUIDE, HALO = 1.5, 4.5  # pixels: a guide is visible on dark and on bright elements
@@ -207,9 +206,6 @@ class ShadowPane(QWidget):
         self.model, self.services = model, services
         self.view = ShadowView()
         self.quantity = controls.choice("Colour shows", [(name.capitalize(), name) for name in SCALES], self._choose)
-        self.frame_time = QAction("Show frame time", self)
-        self.frame_time.setCheckable(True)
-        self.frame_time.toggled.connect(partial(setattr, model, "show_cost"))
         self.names = [controls.label("", "muted") for _ in range(LINES)]
         self.values = [controls.label("", wrap=True) for _ in range(LINES)]
         grid = QGridLayout()
@@ -244,13 +240,10 @@ class ShadowPane(QWidget):
             self.view.scale_texts = texts
             self.view.update()
         self.quantity.setCurrentIndex(self.quantity.findData(quantity))
-        self.frame_time.setChecked(self.model.show_cost)
 
     def _menu_button(self) -> QToolButton:
         copy = partial(self.services.notices.attempt, self.copy, done=f"Copied: {self.title}")
-        tool = export_button("the shadow", "Copy or save this picture; show its frame time", copy, self._ask_save)
-        tool.menu().addSeparator()
-        tool.menu().addAction(self.frame_time)
+        tool = export_button("the shadow", "Copy or save this picture", copy, self._ask_save)
         self.view.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
         self.view.customContextMenuRequested.connect(lambda at: tool.menu().popup(self.view.mapToGlobal(at)))
         return tool

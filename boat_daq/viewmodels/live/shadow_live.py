@@ -54,7 +54,6 @@ class ShadowPicture:
     corners : [quads, 4, 2] deformed elements, both halves; levels : [quads] colour steps from 0.
     guides : [2, k, 2]; tracked : [14, 2].
     nominal_mm, measured_mm : elongations; NaN where unknown.
-    seconds : time that the model took; NaN where nothing is drawn.
     """
 
     rest: FloatArray
@@ -64,7 +63,6 @@ class ShadowPicture:
     tracked: FloatArray
     nominal_mm: float
     measured_mm: float
-    seconds: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +98,6 @@ class ShadowLive:
         self._made = self._level  # precision of the table that was built
         self.model: Shadow | None = None
         self.quantity = "displacement"
-        self.show_cost = False
         self.problem, self._cancelled = "", False
         self._last: tuple[tuple[object, ...], ShadowPicture] | None = None
         self._unstable: frozenset[tuple[int, int]] | None = None  # places of the table; None until the job has ended
@@ -225,7 +222,6 @@ class ShadowLive:
             state.tracked_points_mm.reshape(-1, 2),
             state.nominal_elongation_mm,
             now.measured,
-            state.seconds,
         )
 
     def _place(self, now: Moment) -> tuple[float, float] | None:
@@ -297,8 +293,6 @@ class ShadowLive:
             lines.append(("Stability", stability, "warning"))
         if now.disagree:
             lines.append(("Sensors", "\u25b2 contradict each other", "warning"))
-        if self.show_cost:
-            lines.append(("Frame time", f"{number(1e3 * self.picture().seconds, 2)} ms, reduced model", ""))
         return tuple(lines)
 
 

@@ -42,6 +42,7 @@ class Calibration:
     monotone : no turning point inside the range, and not flat.
     reading : error of readings of x on a grid, see `with_reading`; None if x is known.
     joint : the fit by branch that the curve is from; None for a fit through points.
+    simulated : whether the points are of a virtual board.
     """
 
     coefficients: FloatArray
@@ -63,6 +64,7 @@ class Calibration:
     reading: Positions | None = None
     joint: JointFit | None = None
     adequacy: Adequacy | None = None
+    simulated: bool = False
 
     def with_reading(self, reading_sd: float, positions: npt.ArrayLike | None = None) -> Calibration:
         """Return the same curve, of x read with an sd of `reading_sd`; `positions` [n] label what was read."""
@@ -71,11 +73,26 @@ class Calibration:
         )
 
     def __repr__(self) -> str:
+        lines = [f"  {name} = {value} ± {u} (k = 2)" for name, value, u in self._terms]
+        return "\n".join([f"<{self._heading}", *lines]) + ">"
+
+    def _repr_html_(self) -> str:
+        cells = (f"<tr><th>{name}</th><td>{value}</td><td>± {u}</td></tr>" for name, value, u in self._terms)
+        head = "<tr><th></th><th>coefficient</th><th>U (k = 2)</th></tr>"
+        return f"<b>{self._heading}</b><table>{head}{''.join(cells)}</table>"
+
+    @property
+    def _heading(self) -> str:
+        mark, curve = "SIMULATED, " if self.simulated else "", "spline" if self.spline else f"degree {self.degree}"
         low, high = self.x_range
+        quality = f"R² {self.r2:.5f}, rmse {self.rmse:.3g}"
+        return f"Calibration: {mark}{curve}, {self.n} points, x {low:g} to {high:g}, {quality}"
+
+    @property
+    def _terms(self) -> list[tuple[str, str, str]]:
+        """Return name, value and U of each coefficient, as shown."""
         terms = zip(self.coefficients, self.std_errors_with_reading, strict=True)
-        lines = [f"  b{i} = {b:.6g} ± {2 * u:.2g} (k = 2)" for i, (b, u) in enumerate(terms)]
-        head = f"<Calibration: {'spline' if self.spline else f'degree {self.degree}'}, {self.n} points"
-        return "\n".join([f"{head}, x {low:g} to {high:g}, R² {self.r2:.5f}, rmse {self.rmse:.3g}", *lines]) + ">"
+        return [(f"b{i}", f"{b:.6g}", f"{2 * u:.2g}") for i, (b, u) in enumerate(terms)]
 
     def plot(self, ax: Any = None, level: float = 0.95) -> Any:
         """Draw points, curve and band into a Matplotlib axes, a new one by default; return the axes."""

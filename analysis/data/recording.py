@@ -45,6 +45,7 @@ META_KEYS = (  # of the session, in the comments of an exported CSV
     "customer", "item", "serial_number", "ambient_temperature_c", "ambient_humidity_percent",
 )  # fmt: skip
 READING_COLUMNS = ("id", "utc", "step", "elongation_mm", "resolution_mm", "source", "reader", "note")
+_NO_READER = "no calibration was given: to_frame(reader=elongation_reader(analysis))"
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,7 +264,7 @@ class Recording:
             columns |= {"elongation_mm": read.elongation_mm, "u_mm": 2.0 * read.standard_uncertainty_mm}
         found = pd.DataFrame(columns)
         found.attrs = {"simulated": self.simulated, "unit": self.unit, "units": self._units(found.columns)}
-        found.attrs |= {"u_stand_in": reader.u_stand_in} if reader is not None else {}
+        found.attrs |= {"u_stand_in": reader.u_stand_in} if reader is not None else {"elongation_void": _NO_READER}
         return found
 
     def _units(self, names: Iterable[str]) -> dict[str, str]:

@@ -37,7 +37,15 @@ from analysis.fidelity import Level, fidelity
 from analysis.figures.across_breaks import Break, of_cycles
 from analysis.figures.curve_figures import CURVE_POINTS, curve_figures, draw_joint, lack_of_fit, resample_fit
 from analysis.figures.cycle_figures import FiguresByCycle, Trend, drift, figures_by_cycle, repeatability
-from analysis.figures.figure import KEY_FIGURES, SENSOR_FIGURES, Figure, Reason, marked_implausible, not_driven
+from analysis.figures.figure import (
+    KEY_FIGURES,
+    SENSOR_FIGURES,
+    Figure,
+    Reason,
+    marked_implausible,
+    not_driven,
+    summary_html,
+)
 from analysis.figures.intervals import combined_error, unsettled, with_full_scale, with_reach, with_shared_error
 from analysis.figures.loop_figures import (
     hysteresis,
@@ -135,11 +143,21 @@ class SensorAnalysis:
     drift_mv: float
     joint_loop: JointFit | None = None
     influences: tuple[ChannelInfluence, ...] = ()
+    simulated: bool = False
 
     def __repr__(self) -> str:
         lines = [f"  {SENSOR_FIGURES[key].label}: {self.figures[key]!r}" for key in KEY_FIGURES if key in self.figures]
         curve = f"  {self.calibration!r}" if self.calibration else f"  no calibration: {self.calibration_void}"
-        return "\n".join([f"<SensorAnalysis {self.name}", *lines, curve]) + ">"
+        return "\n".join([f"<{self._heading}", *lines, curve]) + ">"
+
+    def _repr_html_(self) -> str:
+        return summary_html(self._heading, [self], {}, ()) + (
+            self.calibration._repr_html_() if self.calibration else ""
+        )
+
+    @property
+    def _heading(self) -> str:
+        return f"Sensor {self.name}{': SIMULATED' if self.simulated else ''}"
 
     def as_json(self) -> dict[str, Any]:
         """Return the sensor's object of `analyze --json`."""
@@ -299,7 +317,7 @@ def analyse_sensor(run: SegmentedRun, sensor: int, *, progress: Progress | None 
     run = run.without(trend, sensor)
     points = np.flatnonzero(run.calibration_points(sensor))
     try:
-        calibration = _calibrate(run, sensor, points)
+        calibration = replace(_calibrate(run, sensor, points), simulated=run.recording.simulated)
         posterior = _sampled(run, sensor, calibration, points, progress)
     except BoatDaqError as error:
         reason = error.cause
@@ -323,6 +341,7 @@ def analyse_sensor(run: SegmentedRun, sensor: int, *, progress: Progress | None 
             raw.recording, raw.cycles, raw.plateaus, raw.loops, sensor, fso_mv=fso,
             sensitivity_mv_per_mm=figures["sensitivity_mv_per_mm"].value if calibration is not None else float("nan"),
         ),
+        run.recording.simulated,
     )  # fmt: skip
 
 

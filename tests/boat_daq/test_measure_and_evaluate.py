@@ -78,11 +78,12 @@ def test_results_are_a_dozen_lines(run: Recording, analysis: Analysis) -> None:
         assert text.count("\n") < 16
         assert len(text) < 1500
         assert "array(" not in text
-    assert "SIMULATED" in repr(run)
-    assert "SIMULATED" in repr(analysis)
-    table = analysis._repr_html_()
-    assert table.count("<tr>") > 12
-    assert "SIMULATED" in table and "39.42" in table and "[" in table
+    for shown in (run, analysis, sensor, sensor.calibration):
+        assert "SIMULATED" in repr(shown)
+    for shown, rows, value in ((analysis, 12, "39.42"), (sensor, 12, "39.42"), (sensor.calibration, 4, "b3</th>")):
+        table = shown._repr_html_()
+        assert (table.count("<tr>") > rows, "SIMULATED" in table, value in table) == (True, True, True)
+    assert "SIMULATED" not in repr(boat_daq.fit_calibration([0.0, 1.0, 2.0, 3.0], [0.0, 1.0, 2.1, 3.0], 1))
 
 
 def test_a_figure_is_a_number_with_uncertainty(analysis: Analysis) -> None:
@@ -94,6 +95,7 @@ def test_a_figure_is_a_number_with_uncertainty(analysis: Analysis) -> None:
 
 def test_frames_carry_their_units(run: Recording, analysis: Analysis) -> None:
     """Samples with elongation and U, figures with intervals; both marked as simulated."""
+    assert "elongation_reader" in run.to_frame().attrs["elongation_void"]
     frame = run.to_frame(reader=elongation_reader(analysis))
     assert frame.attrs["simulated"] is True
     assert (frame.attrs["unit"], frame.attrs["units"]["s1_mv"], frame.attrs["units"]["u_mm"]) == ("SA1", "mV", "mm")

@@ -1,4 +1,4 @@
-"""The panel for the layout of the live plots: where each quantity is shown; layouts saved by name. Not modal."""
+"""The panel for the layout of the live plots: where each quantity is shown. Not modal."""
 
 from __future__ import annotations
 
@@ -30,10 +30,6 @@ class LayoutPanel(QDialog):
         self.setWindowTitle("Layout of the plots")
         self.setModal(False)
         self.setMinimumWidth(style.FORM_WIDTH)
-        self.saved = controls.choice("Saved layouts", (), self._load)
-        self.name = controls.field("Name of the layout", on_enter=self._save, placeholder="Name")
-        save = controls.button("Save", self._save, name="Save the layout")
-        self.remove = controls.button("Delete", self._delete, name="Delete the saved layout")
         self.grid = QGridLayout()
         self.grid.setColumnStretch(0, 1)
         self.places: dict[str, QComboBox] = {}
@@ -46,7 +42,6 @@ class LayoutPanel(QDialog):
         self.setLayout(
             controls.column(
                 controls.label(_EXPLANATION, "muted", wrap=True),
-                controls.row(self.saved, (self.name, 1), save, self.remove),
                 self.grid,
                 controls.row(controls.label("Signals against"), *self.against.values(), None),
                 controls.row(usual, None, controls.button("Close", self.close)),
@@ -64,18 +59,11 @@ class LayoutPanel(QDialog):
 
     def refresh(self) -> None:
         """Show the layout where it has changed, or what the board measures has."""
-        wanted = (self.layouts.current, self.live.quantities(), self.layouts.names())
+        wanted = (self.layouts.current, self.live.quantities())
         if self._shown is not None and (wanted == self._shown or not self.isVisible()):
             return
         self._shown = wanted
-        layout, quantities, names = wanted
-        self.saved.clear()
-        self.saved.addItem("Saved layouts", None)
-        for text, key in names:
-            self.saved.addItem(text, key)
-        in_use = self.layouts.in_use()
-        self.saved.setCurrentIndex(next((i for i, (_, key) in enumerate(names, 1) if key == in_use), 0))
-        controls.allow(self.remove, "" if in_use else "The layout shown is not a saved one.")
+        layout, quantities = wanted
         for x, box in self.against.items():
             box.setChecked(x in layout.against)
         self._fill(layout.complete(quantities), quantities)
@@ -139,19 +127,4 @@ class LayoutPanel(QDialog):
     def _change(self, layout: Layout) -> None:
         self.attempt(partial(self.layouts.change, layout))
         self._shown = None  # a refused choice is taken back
-        self.refresh()
-
-    def _load(self, key: tuple[str, str] | None) -> None:
-        if key is not None:
-            self.attempt(partial(self.layouts.load, *key))
-            self.name.setText(key[1])
-            self.refresh()
-
-    def _save(self) -> None:
-        name = self.name.text().strip()
-        self.attempt(partial(self.layouts.save, name), done=f"Saved the layout {name}")
-        self.refresh()
-
-    def _delete(self) -> None:
-        self.layouts.delete(*self.saved.currentData())
         self.refresh()

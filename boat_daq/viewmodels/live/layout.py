@@ -1,4 +1,4 @@
-"""The layout of the live plots: which quantities share a plot, their axes and heights; kept for each unit, by name.
+"""The layout of the live plots: which quantities share a plot, their axes and heights; kept for each unit.
 
 A quantity is a column of the ring buffer, or `elongation_mm`. Rules: an axis has one unit of measurement, so a plot has
 at most two. A quantity that a layout does not name has a plot of its own, at its usual place.
@@ -10,7 +10,6 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache, partial
-from typing import Any
 
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import Change, UndoHistory
@@ -19,8 +18,7 @@ from protocol.base.units import find_unit
 
 ELONGATION, PRESSURE, CAMERA = "elongation_mm", "pressure_kpa", "camera_mm"
 _UNIT = {ELONGATION: "mm", PRESSURE: "kPa", CAMERA: "mm"}
-NAME_MOST = 40  # characters of the name of a layout
-_KEY = "layouts"  # of the preferences: unit -> name -> layout; the one in use has an empty name
+_KEY = "layouts"  # of the preferences: unit -> "" -> layout
 
 Rows = tuple[tuple[str, ...], ...]
 
@@ -198,7 +196,7 @@ def layout_of(stored: object) -> Layout | None:
 
 
 class Layouts:
-    """The layout in use of the unit on the bench, and those saved by name."""
+    """The layout of each unit; that of the unit on the bench is in use."""
 
     def __init__(self, preferences: Preferences, undo: UndoHistory, unit: Callable[[], str]) -> None:
         self._preferences, self._undo, self._unit = preferences, undo, unit
@@ -210,7 +208,7 @@ class Layouts:
         """Return the layout in use: that of the unit on the bench."""
         name = self._unit()
         if name != self._read_for:
-            self._read_for, self._current = name, self._stored(name).get("", Layout())
+            self._read_for, self._current = name, self._stored(name)
         return self._current
 
     def change(self, layout: Layout) -> None:
@@ -223,49 +221,11 @@ class Layouts:
     def use(self, layout: Layout, name: str = "") -> None:
         """Use a layout without a step of the undo history; it is kept for the unit `name`, or for that on the bench."""
         name = name or self._unit()
-        self._write(name, "", layout)
+        kept = {"": asdict(layout)}
+        self._preferences.change(_KEY, lambda stored: {**(stored if isinstance(stored, dict) else {}), name: kept})
         if name == self._unit():
             self._read_for, self._current = name, layout
 
-    def names(self) -> list[tuple[str, tuple[str, str]]]:
-        """Return the saved layouts as (text, (unit, name)): those of this unit first, others with their unit."""
-        here = self._unit()
-        units = sorted(self._preferences.get(_KEY, {}), key=lambda unit: (unit != here, unit))
-        found = ((unit, name) for unit in units for name in sorted(self._stored(unit)) if name)
-        return [(name if unit == here else f"{unit}: {name}", (unit, name)) for unit, name in found]
-
-    def in_use(self) -> tuple[str, str] | None:
-        """Return the (unit, name) of the saved layout that is in use; None where it was changed."""
-        keys = (key for _, key in self.names())
-        return next((key for key in keys if self._stored(key[0])[key[1]] == self.current), None)
-
-    def load(self, unit: str, name: str) -> None:
-        """Use a saved layout."""
-        layout = self._stored(unit).get(name)
-        if layout is None:
-            raise RequestError(f"there is no layout \u201c{name}\u201d of {unit}", "Choose another one.")
-        self.change(layout)
-
-    def save(self, name: str) -> None:
-        """Save the layout in use for the unit by a name."""
-        if not 0 < len(name) <= NAME_MOST:
-            raise RequestError(f"the name of a layout has 1 to {NAME_MOST} characters", "Enter another name.")
-        self._write(self._unit(), name, self.current)
-
-    def delete(self, unit: str, name: str) -> None:
-        """Delete a saved layout; that in use is not changed."""
-        self._write(unit, name, None)
-
-    def _stored(self, unit: str) -> dict[str, Layout]:
-        kept = self._preferences.get(_KEY, {}).get(unit, {})
-        read = {name: layout_of(stored) for name, stored in kept.items()} if isinstance(kept, dict) else {}
-        return {name: layout for name, layout in read.items() if layout is not None}
-
-    def _write(self, unit: str, name: str, layout: Layout | None) -> None:
-        def changed(stored: Any) -> dict[str, dict[str, Any]]:
-            kept = dict(stored) if isinstance(stored, dict) else {}
-            mine = kept.get(unit, {})
-            rest = {other: one for other, one in mine.items() if other != name} if isinstance(mine, dict) else {}
-            return {**kept, unit: rest if layout is None else {**rest, name: asdict(layout)}}
-
-        self._preferences.change(_KEY, changed)
+    def _stored(self, unit: str) -> Layout:
+        kept = self._preferences.get(_KEY, {}).get(unit)
+        return (layout_of(kept.get("")) if isinstance(kept, dict) else None) or Layout()

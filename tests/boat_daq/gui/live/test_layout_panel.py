@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QPushButton
 
 from boat_daq.viewmodels.live.layout import ELONGATION, PRESSURE
 from boat_daq.workflows.live_conversion import LiveElongation
@@ -93,7 +94,7 @@ def test_plot_is_moved_with_its_cursors_and_markers(live):
     plots.place_cursor("a")
     live.model.live.markers.append((280.0, "tapped"))
     for _ in range(3):
-        up = next(b for b in panel.findChildren(type(panel.remove)) if b.accessibleName() == "Move Pressure up")
+        up = next(b for b in panel.findChildren(QPushButton) if b.accessibleName() == "Move Pressure up")
         QTest.mouseClick(up, Qt.MouseButton.LeftButton)
         show(live)
     assert plots.rows[0] is plots.pressure
@@ -135,24 +136,6 @@ def test_signals_are_drawn_against_pressure_and_elongation(live):
     live.model.live.inverse = None
     show(live)
     assert "calibration" in curves.empty_text.text()
-
-
-def test_layout_is_saved_and_loaded_by_name(live):
-    """Save, change, load: the plots are those that were saved."""
-    panel, plots = live.live.layout_panel, live.live.plots
-    choose(live, panel.places[ELONGATION], "hidden")
-    panel.name.setText("signals")
-    panel._save()
-    panel._change(type(live.live.layouts.current)())
-    show(live)
-    assert len(plots.rows) == 4
-    panel.saved.setCurrentIndex(1)
-    panel.saved.activated.emit(1)
-    show(live)
-    assert [plot.title for plot in plots.rows] == ["Sensor 1", "Sensor 2", "Pressure"]
-    assert panel.saved.currentText() == "signals"
-    panel.remove.click()
-    assert panel.saved.count() == 1
 
 
 def test_every_plot_hidden_says_so(live):

@@ -81,25 +81,6 @@ def test_layout_is_kept_for_each_unit(layouts, tmp_path):
     assert shown(again.current) == [(S1,), (ELONGATION,), (PRESSURE,)]
 
 
-def test_layouts_are_saved_by_name_for_each_unit(layouts):
-    """Those of the unit on the bench come first, those of others with their unit; a name is checked."""
-    hidden = Layout().complete(ALL).without(S2)
-    layouts.change(hidden)
-    layouts.save("narrow")
-    layouts.bench[0] = "SA2"
-    layouts.save("usual")
-    assert [text for text, _ in layouts.names()] == ["usual", "SA1: narrow"]
-    layouts.load("SA1", "narrow")
-    assert (layouts.current, layouts.in_use()) == (hidden, ("SA1", "narrow"))
-    layouts.delete("SA1", "narrow")
-    assert [text for text, _ in layouts.names()] == ["usual"]
-    for wrong in ("", "n" * 41):
-        with pytest.raises(RequestError, match="1 to 40"):
-            layouts.save(wrong)
-    with pytest.raises(RequestError, match="no layout"):
-        layouts.load("SA1", "narrow")
-
-
 @pytest.mark.parametrize(
     "broken",
     [

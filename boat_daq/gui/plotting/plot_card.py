@@ -155,10 +155,15 @@ class PlotCard(QFrame):
         self.view.setMinimumSize(style.PLOT_MINIMUM[0], style.PLOT_MINIMUM[1] + at * style.PLOT_MORE)
         plot = Plot(item, title, unit, x_title=x_title, x_unit=x_unit)
         self.plots.append(plot)
+        item.getViewBox().sigResized.connect(self._repaint)
         if not beside:
             self.borders.usual[len(self.plots) - 1] = USUAL_SHARE * stretch
         self.borders.apply()
         return plot
+
+    def _repaint(self, *_: object) -> None:
+        """Paint all of it anew: Qt leaves lines of plots that have moved in the margins."""
+        self.view.viewport().update()
 
     def show_only(self, plots: list[Plot], *, beside: bool = False) -> None:
         """Show only these plots, below one another over one lower axis, or `beside`; the others keep their data."""

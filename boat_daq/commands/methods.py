@@ -80,8 +80,7 @@ def atlas(
     """Map where each method works, works with a warning, or refuses, over two parameters at a time.
 
     Each cell of a map runs the method on synthetic data and compares the result with its true value. A wrong result
-    without a warning is a bug; the command then exits with code 1. Writes atlas.json, and each method's maps as PNG and
-    SVG.
+    without a warning is a bug; the command then exits with code 1. Writes atlas.json, and the maps as PNG and SVG.
 
     Example: boat-daq atlas fit inverse --out maps
     """

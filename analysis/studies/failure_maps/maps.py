@@ -1,7 +1,8 @@
-"""The atlas as files: one JSON of all maps, and one picture per method: where it works, warns or refuses.
+"""The atlas as files: one JSON of all maps, and a picture of each group of methods.
 
-Rules: every outcome has a colour, a hatching and a letter, so that it is recognised without colour; the fourth, wrong
-without warning, must never occur. Values are drawn at equal distances along both axes.
+Rules: the colour is the error over the tolerance, on one scale for all; a line goes around the cells with a warning;
+what is refused has no error and is hatched. Wrong without warning is a cross, and must never occur. Values are drawn at
+equal distances along both axes.
 """
 
 from __future__ import annotations
@@ -11,8 +12,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
 from analysis import figure_style as style
@@ -20,15 +27,23 @@ from analysis.machine import machine
 from analysis.studies.failure_maps.sweep import CellOutcome, StudyMap
 from analysis.studies.harness import Picture, write_json, write_pictures
 
-LOOK: dict[CellOutcome, tuple[str, str, str, str]] = {
-    CellOutcome.WORKS: ("#9AD0F0", "", "", "works: within its tolerance"),
-    CellOutcome.WARNS: ("#F0E442", "///", "d", "d: works with a warning"),
-    CellOutcome.REFUSES: ("#C9CED6", "xx", "r", "r: refuses, with the reason"),
-    CellOutcome.WRONG_UNWARNED: ("#000000", "", "!", "!: wrong without warning (must not occur)"),
+GROUPS = {
+    "calibration": ("fit", "inverse", "posterior"),
+    "run": ("segmentation", "figures"),
+    "optics": ("tracer",),
+    "shadow": ("full-fem", "reduced-fem", "alarms"),
 }
-"""Colour, hatching, letter and entry in the legend of each outcome."""
-PANEL_INCH = (4.4, 3.7)
-MOST_COLUMNS = 3
+"""Methods of each picture."""
+OUTCOMES = {
+    CellOutcome.WORKS: "works: within its tolerance",
+    CellOutcome.WARNS: "works with a warning",
+    CellOutcome.REFUSES: "refuses, with the reason",
+    CellOutcome.WRONG_UNWARNED: "wrong without warning (must not occur)",
+}
+PANEL_INCH = (4.0, 3.5)
+_COLOURS = ScalarMappable(Normalize(-3.0, 3.0), colormaps["viridis"])
+_REFUSED = "#E4E6EA"
+_WARNED = (CellOutcome.WARNS, CellOutcome.REFUSES)
 
 
 def draw_map(axes: Axes, drawn: StudyMap) -> None:
@@ -36,32 +51,54 @@ def draw_map(axes: Axes, drawn: StudyMap) -> None:
     study = drawn.study
     for j, row in enumerate(drawn.cells):
         for i, cell in enumerate(row):
-            colour, hatch, letter, _ = LOOK[cell.outcome]
-            ink = style.PAPER_COLOUR if cell.outcome is CellOutcome.WRONG_UNWARNED else style.SOFT
-            axes.add_patch(Rectangle((i - 0.5, j - 0.5), 1, 1, fc=colour, ec=style.PAPER_COLOUR, hatch=hatch, lw=0.8))
-            if letter:
-                axes.text(i, j, letter, ha="center", va="center", fontsize=7, color=ink)
-    axes.set(xlim=(-0.5, len(study.x.values) - 0.5), ylim=(-0.5, len(study.y.values) - 0.5), title=study.title)
+            corner, refused = (i - 0.5, j - 0.5), cell.outcome is CellOutcome.REFUSES
+            with np.errstate(divide="ignore"):
+                level = np.log10(np.float64(cell.error) / study.tolerance)
+            colour = _REFUSED if np.isnan(level) else _COLOURS.to_rgba(np.clip(level, -9.0, 9.0))
+            edge = style.SOFT if refused else "none"
+            axes.add_patch(Rectangle(corner, 1, 1, fc=colour, ec=edge, hatch="///" if refused else "", lw=0))
+            if cell.outcome is CellOutcome.WRONG_UNWARNED:
+                axes.plot(i, j, "x", color=style.INK)
+    axes.add_collection(LineCollection(_border(drawn), colors=style.INK, linewidths=2.0, capstyle="projecting"))
+    axes.set(xlim=(-0.5, len(study.x.values) - 0.5), ylim=(-0.5, len(study.y.values) - 0.5))
+    axes.set_title(study.title, fontsize=9)
     axes.set(xlabel=study.x.title, ylabel=study.y.title)
     axes.set_xticks(range(len(study.x.values)), study.x.ticks, fontsize=6.5, rotation=45, ha="right")
     axes.set_yticks(range(len(study.y.values)), study.y.ticks, fontsize=6.5)
     axes.grid(visible=False)
 
 
-def method_atlas(maps: Sequence[StudyMap]) -> Figure:
-    """Draw the maps of one method side by side, with a legend of the outcomes."""
-    columns = 2 if len(maps) == 4 else min(len(maps), MOST_COLUMNS)
+def _border(drawn: StudyMap) -> list[tuple[tuple[float, float], tuple[float, float]]]:
+    """Return the edges between cells with a warning or refusal, and cells without."""
+    warned = np.array([[cell.outcome in _WARNED for cell in row] for row in drawn.cells])
+    upright = [((i + 0.5, j - 0.5), (i + 0.5, j + 0.5)) for j, i in np.argwhere(warned[:, 1:] != warned[:, :-1])]
+    level = [((i - 0.5, j + 0.5), (i + 0.5, j + 0.5)) for j, i in np.argwhere(warned[1:] != warned[:-1])]
+    return upright + level
+
+
+def group_chart(maps: Sequence[StudyMap]) -> Figure:
+    """Draw maps side by side, with the scale of the error, and the computer and date."""
+    columns = 2 if len(maps) == 4 else min(len(maps), 3)
     rows = -(-len(maps) // columns)
-    size = (max(PANEL_INCH[0] * columns, 6.4), PANEL_INCH[1] * rows + 0.5)
+    size = (max(PANEL_INCH[0] * columns + 0.9, 6.4), PANEL_INCH[1] * rows + 0.8)
     figure = Figure(figsize=size, layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes, drawn in zip(grid, maps, strict=False):
         draw_map(axes, drawn)
     for axes in grid[len(maps) :]:
         axes.set_axis_off()
-    seen = [o for o in CellOutcome if any(m.counts[o] for m in maps) or o is not CellOutcome.WRONG_UNWARNED]
-    handles = [Patch(fc=LOOK[o][0], hatch=LOOK[o][1], ec=style.SOFT, label=LOOK[o][3]) for o in seen]
-    figure.legend(handles=handles, loc="outside upper center", ncols=2 if columns < MOST_COLUMNS else len(handles))
+    scale = figure.colorbar(_COLOURS, ax=grid.tolist(), extend="both", shrink=0.6, aspect=30)
+    scale.set_label("error / tolerance")
+    scale.set_ticks(range(-3, 4), labels=["0.001", "0.01", "0.1", "1", "10", "100", "1000"])
+    scale.ax.axhline(0.0, color=style.PAPER_COLOUR, lw=1.5)
+    handles: list[Any] = [Line2D([], [], color=style.INK, lw=2.0, label="a warning or a refusal begins here")]
+    handles.append(Patch(fc=_REFUSED, hatch="///", ec=style.SOFT, label=OUTCOMES[CellOutcome.REFUSES]))
+    if any(m.counts[CellOutcome.WRONG_UNWARNED] for m in maps):
+        wrong = Line2D([], [], color=style.INK, marker="x", ls="", label=OUTCOMES[CellOutcome.WRONG_UNWARNED])
+        handles.append(wrong)
+    figure.legend(handles=handles, loc="outside upper center", ncols=3)
+    where = "{processor}, {cores} cores, Python {python}, {date_utc}".format(**machine())
+    figure.supxlabel(where, fontsize=7, color=style.SOFT)
     return figure
 
 
@@ -69,16 +106,16 @@ def atlas_json(maps: Sequence[StudyMap]) -> dict[str, Any]:
     """Return what `atlas --json` prints."""
     return {
         "machine": machine(),
-        "outcomes": {outcome.value: text for outcome, (*_, text) in LOOK.items()},
+        "outcomes": {outcome.value: text for outcome, text in OUTCOMES.items()},
         "quiet_wrong": sum(len(m.found(CellOutcome.WRONG_UNWARNED)) for m in maps),
         "maps": [m.as_json() for m in maps],
     }
 
 
 def write_atlas(maps: Sequence[StudyMap], folder: Path) -> list[Path]:
-    """Write atlas.json and, for each method, METHOD.png and METHOD.svg; return the files."""
+    """Write atlas.json and, for each group, GROUP.png and GROUP.svg; return the files."""
     folder.mkdir(parents=True, exist_ok=True)
     write_json(atlas_json(maps), folder / "atlas.json")
-    methods = dict.fromkeys(m.study.method for m in maps)
-    pictures = [Picture(name, partial(method_atlas, [m for m in maps if m.study.method == name])) for name in methods]
-    return [folder / "atlas.json", *write_pictures(pictures, folder, hatch_linewidth=0.3)]
+    groups = {name: [m for m in maps if m.study.method in methods] for name, methods in GROUPS.items()}
+    pictures = [Picture(name, partial(group_chart, found)) for name, found in groups.items() if found]
+    return [folder / "atlas.json", *write_pictures(pictures, folder, hatch_linewidth=0.4)]

@@ -33,7 +33,7 @@ def test_the_command_writes_and_ends_well(tmp_path: Path) -> None:
     assert ran.exit_code == 0, ran.output
     content = json.loads(ran.stdout)
     assert [m["name"] for m in content["maps"]] == ["inverse-turning"]
-    assert (tmp_path / "inverse.svg").is_file()
+    assert (tmp_path / "calibration.svg").is_file()
 
 
 def test_a_number_wrong_without_warning_fails_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import json
+import math
+import re
 from pathlib import Path
 
-from analysis.studies.failure_maps.maps import atlas_json, method_atlas, write_atlas
+from matplotlib import colormaps
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+
+from analysis.studies.failure_maps.maps import atlas_json, group_chart, write_atlas
 from analysis.studies.failure_maps.sweep import Axis, Study, StudyMap, StudyResult, sweep
 from protocol.base.errors import DataError
 
@@ -19,7 +25,7 @@ def ladder(x: float, y: float) -> StudyResult:
 
 def ladder_study() -> Study:
     return Study(
-        "ladder-x", "ladder", "A ladder", "itself", "mm", 1.0, Axis("x", "mm", (0, 1, 2, 3)),
+        "ladder-x", "alarms", "A ladder", "itself", "mm", 1.0, Axis("x", "mm", (0, 1, 2, 3)),
         Axis("y", "", (0, 1), ("none", "one")), ladder,
     )  # fmt: skip
 
@@ -37,13 +43,19 @@ def test_the_json_has_the_map() -> None:
     assert drawn["cells"][0][3] == {"x": 3, "y": 0, "outcome": "refused", "error": None, "said": "too far"}
 
 
-def test_a_map_shows_outcomes_without_colour(tmp_path: Path) -> None:
-    """Letters in the cells, words in the legend; the fourth outcome is named only where it is found."""
-    figure = method_atlas([ladder_map()])
-    letters = [text.get_text() for text in figure.axes[0].texts]
-    assert sorted(letters) == ["!", "d", "d", "r", "r"]
-    legend = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert len(legend) == 4
+def test_a_picture_shows_the_error_and_where_the_warning_begins(tmp_path: Path) -> None:
+    """Five times the tolerance has its colour, also without a warning; the border follows the warnings alone."""
+    figure = group_chart([ladder_map()])
+    axes = figure.axes[0]
+    fills = {patch.get_xy(): patch.get_facecolor() for patch in axes.patches}
+    shown = ScalarMappable(Normalize(-3.0, 3.0), colormaps["viridis"])
+    assert fills[0.5, 0.5] == shown.to_rgba(math.log10(5.0))
+    assert fills[-0.5, -0.5] == shown.to_rgba(-9.0)
+    assert [line.get_xydata().tolist() for line in axes.lines] == [[[1.0, 1.0]]]
+    segments = [part.tolist() for part in axes.collections[0].get_segments()]
+    assert segments == [[[1.5, -0.5], [1.5, 0.5]], [[1.5, 0.5], [1.5, 1.5]]]
+    assert len(figure.legends[0].get_texts()) == 3
+    assert re.search(r"cores.*20\d\d-", figure.get_supxlabel())
     files = write_atlas([ladder_map()], tmp_path)
-    assert [f.name for f in files] == ["atlas.json", "ladder.png", "ladder.svg"]
+    assert [f.name for f in files] == ["atlas.json", "shadow.png", "shadow.svg"]
     assert all(f.stat().st_size > 1000 for f in files)

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from boat_daq.viewmodels.common.services import Tab
 from protocol.recording import sample_dtype
 from tests.benchmarks.lengths import WHOLE, benchmark_shadow, length
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
@@ -86,6 +87,46 @@ def test_frame(qtbot, tmp_path, size, span_s, capsys):
             f" (CPU {statistics.median(cpu):.2f}, 99 % {p99_cpu:.2f}); a frame at 60/s has {BUDGET_MS:.1f} ms"
         )
     assert len(wall) == FRAMES
+
+
+def test_shadow_frames(qtbot, tmp_path, capsys):
+    """Draw the shadow with a moving signal: a state of each model, the pane, the page with all of it."""
+    window, ring = window_on(qtbot, tmp_path, (1280, 800))
+    shadow, states = window.model.shadow, length(200, 2)
+    began, used = time.perf_counter(), time.process_time()
+    window.go(Tab.SHADOW)
+    qtbot.wait(length(1000, 50))
+    opened = (time.process_time() - used) / (time.perf_counter() - began)
+    page = window.open_page(Tab.SHADOW)
+    drawn = {}
+    for model in ("full", "reduced"):
+        began = time.process_time()
+        for k in range(states):
+            shadow.model.state(pressure_kpa=20.0 + 5.0 * math.sin(k / 30), model=model)
+        drawn[f"{model} model"] = (time.process_time() - began) / states
+
+    def pane():
+        page.pane.draw()
+        page.pane.view.repaint()
+
+    def whole():
+        pane()
+        page.refresh(window.model.snapshot)
+        page.repaint()
+
+    for name, draw in (("pane", pane), ("page", whole)):
+        used_s, at_s = 0.0, HOUR_S
+        for _ in range(FRAMES):
+            at_s = feed(ring, 2, at_s)
+            began = time.process_time()
+            draw()
+            used_s += time.process_time() - began
+        drawn[name] = used_s / FRAMES
+    with capsys.disabled():
+        print(f"\nshadow, opened: {opened:.2f} of a core in its first second")
+        for name, seconds in drawn.items():
+            print(f"  {name:14} {1000 * seconds:7.2f} ms of CPU time a frame, {1 / seconds:8.0f} frames/s")
+    assert all(seconds > 0 for seconds in drawn.values())
 
 
 def test_whole_hour_in_pyqtgraph(qtbot, tmp_path, capsys):

@@ -1,8 +1,8 @@
 """The atlas as files: one JSON of all maps, and a picture of each group of methods.
 
-Rules: the colour is the error over the tolerance, on one scale for all; a line goes around the cells with a warning;
-what is refused has no error and is hatched. Wrong without warning is a cross, and must never occur. Values are drawn at
-equal distances along both axes.
+Rules: the colour is the error over the tolerance, on one scale for all; a line goes around the cells with a warning,
+which have a dot; what is refused has no error and is hatched. Wrong without warning is a cross, and must never occur.
+Values are drawn at equal distances along both axes.
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
-from matplotlib.colors import Normalize
+from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
+from matplotlib.patheffects import Normal, Stroke
 
 from analysis import figure_style as style
 from analysis.machine import machine
@@ -41,9 +42,15 @@ OUTCOMES = {
     CellOutcome.WRONG_UNWARNED: "wrong without warning (must not occur)",
 }
 PANEL_INCH = (4.0, 3.5)
-_COLOURS = ScalarMappable(Normalize(-3.0, 3.0), colormaps["viridis"])
+_SHADES = ListedColormap(colormaps["viridis"](np.linspace(0.22, 1.0, 256)))  # without those that hide a line
+_COLOURS = ScalarMappable(Normalize(-3.0, 3.0), _SHADES)
 _REFUSED = "#E4E6EA"
 _WARNED = (CellOutcome.WARNS, CellOutcome.REFUSES)
+_MARKS: dict[CellOutcome, dict[str, Any]] = {
+    CellOutcome.WARNS: {"marker": "o", "ms": 4, "mfc": style.PAPER_COLOUR, "mec": style.INK, "mew": 0.6},
+    CellOutcome.WRONG_UNWARNED: {"marker": "x", "ms": 7, "mec": style.INK},
+}
+_CASED = [Stroke(linewidth=4.0, foreground=style.PAPER_COLOUR), Normal()]
 
 
 def draw_map(axes: Axes, drawn: StudyMap) -> None:
@@ -53,15 +60,17 @@ def draw_map(axes: Axes, drawn: StudyMap) -> None:
         for i, cell in enumerate(row):
             corner, refused = (i - 0.5, j - 0.5), cell.outcome is CellOutcome.REFUSES
             with np.errstate(divide="ignore"):
-                level = np.log10(np.float64(cell.error) / study.tolerance)
+                level = np.log10(np.float64(cell.error) / study.tolerance) if cell.error else -np.inf
             colour = _REFUSED if np.isnan(level) else _COLOURS.to_rgba(np.clip(level, -9.0, 9.0))
             edge = style.SOFT if refused else "none"
             axes.add_patch(Rectangle(corner, 1, 1, fc=colour, ec=edge, hatch="///" if refused else "", lw=0))
-            if cell.outcome is CellOutcome.WRONG_UNWARNED:
-                axes.plot(i, j, "x", color=style.INK)
-    axes.add_collection(LineCollection(_border(drawn), colors=style.INK, linewidths=2.0, capstyle="projecting"))
+            if cell.outcome in _MARKS:
+                axes.plot(i, j, ls="", **_MARKS[cell.outcome])
+    border = LineCollection(_border(drawn), colors=style.INK, linewidths=2.0, capstyle="projecting")
+    border.set_path_effects(_CASED)
+    axes.add_collection(border)
     axes.set(xlim=(-0.5, len(study.x.values) - 0.5), ylim=(-0.5, len(study.y.values) - 0.5))
-    axes.set_title(study.title, fontsize=9)
+    axes.set_title(study.title, fontsize=8)
     axes.set(xlabel=study.x.title, ylabel=study.y.title)
     axes.set_xticks(range(len(study.x.values)), study.x.ticks, fontsize=6.5, rotation=45, ha="right")
     axes.set_yticks(range(len(study.y.values)), study.y.ticks, fontsize=6.5)
@@ -92,11 +101,11 @@ def group_chart(maps: Sequence[StudyMap]) -> Figure:
     scale.set_ticks(range(-3, 4), labels=["0.001", "0.01", "0.1", "1", "10", "100", "1000"])
     scale.ax.axhline(0.0, color=style.PAPER_COLOUR, lw=1.5)
     handles: list[Any] = [Line2D([], [], color=style.INK, lw=2.0, label="a warning or a refusal begins here")]
+    for outcome, mark in _MARKS.items():
+        if outcome in _WARNED or any(m.counts[outcome] for m in maps):
+            handles.append(Line2D([], [], ls="", label=OUTCOMES[outcome], **mark))
     handles.append(Patch(fc=_REFUSED, hatch="///", ec=style.SOFT, label=OUTCOMES[CellOutcome.REFUSES]))
-    if any(m.counts[CellOutcome.WRONG_UNWARNED] for m in maps):
-        wrong = Line2D([], [], color=style.INK, marker="x", ls="", label=OUTCOMES[CellOutcome.WRONG_UNWARNED])
-        handles.append(wrong)
-    figure.legend(handles=handles, loc="outside upper center", ncols=3)
+    figure.legend(handles=handles, loc="outside upper center", ncols=2 if columns == 1 else 4)
     where = "{processor}, {cores} cores, Python {python}, {date_utc}".format(**machine())
     figure.supxlabel(where, fontsize=7, color=style.SOFT)
     return figure

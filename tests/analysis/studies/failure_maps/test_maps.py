@@ -7,9 +7,8 @@ import math
 import re
 from pathlib import Path
 
+import pytest
 from matplotlib import colormaps
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
 
 from analysis.studies.failure_maps.maps import atlas_json, group_chart, write_atlas
 from analysis.studies.failure_maps.sweep import Axis, Study, StudyMap, StudyResult, sweep
@@ -48,13 +47,14 @@ def test_a_picture_shows_the_error_and_where_the_warning_begins(tmp_path: Path) 
     figure = group_chart([ladder_map()])
     axes = figure.axes[0]
     fills = {patch.get_xy(): patch.get_facecolor() for patch in axes.patches}
-    shown = ScalarMappable(Normalize(-3.0, 3.0), colormaps["viridis"])
-    assert fills[0.5, 0.5] == shown.to_rgba(math.log10(5.0))
-    assert fills[-0.5, -0.5] == shown.to_rgba(-9.0)
-    assert [line.get_xydata().tolist() for line in axes.lines] == [[[1.0, 1.0]]]
+    viridis = colormaps["viridis"]
+    assert fills[-0.5, -0.5] == pytest.approx(viridis(0.22))
+    assert fills[0.5, 0.5] == pytest.approx(viridis(0.22 + 0.78 * (math.log10(5.0) + 3.0) / 6.0), abs=0.01)
+    marks = {tuple(line.get_xydata()[0]): line.get_marker() for line in axes.lines}
+    assert marks == {(1.0, 1.0): "x", (2.0, 0.0): "o", (2.0, 1.0): "o"}
     segments = [part.tolist() for part in axes.collections[0].get_segments()]
     assert segments == [[[1.5, -0.5], [1.5, 0.5]], [[1.5, 0.5], [1.5, 1.5]]]
-    assert len(figure.legends[0].get_texts()) == 3
+    assert len(figure.legends[0].get_texts()) == 4
     assert re.search(r"cores.*20\d\d-", figure.get_supxlabel())
     files = write_atlas([ladder_map()], tmp_path)
     assert [f.name for f in files] == ["atlas.json", "shadow.png", "shadow.svg"]

@@ -28,20 +28,20 @@ from analysis.machine import machine
 from analysis.studies.failure_maps.sweep import CellOutcome, StudyMap
 from analysis.studies.harness import Picture, write_json, write_pictures
 
-GROUPS = {
+_GROUPS = {
     "calibration": ("fit", "inverse", "posterior"),
     "run": ("segmentation", "figures"),
     "optics": ("tracer",),
     "shadow": ("full-fem", "reduced-fem", "alarms"),
 }
 """Methods of each picture."""
-OUTCOMES = {
+_TEXTS = {
     CellOutcome.WORKS: "works: within its tolerance",
     CellOutcome.WARNS: "works with a warning",
     CellOutcome.REFUSES: "refuses, with the reason",
     CellOutcome.WRONG_UNWARNED: "wrong without warning (must not occur)",
 }
-PANEL_INCH = (4.0, 3.5)
+_PANEL_INCH = (4.0, 3.5)
 _SHADES = ListedColormap(colormaps["viridis"](np.linspace(0.22, 1.0, 256)))  # without those that hide a line
 _COLOURS = ScalarMappable(Normalize(-3.0, 3.0), _SHADES)
 _REFUSED = "#E4E6EA"
@@ -89,7 +89,7 @@ def group_chart(maps: Sequence[StudyMap]) -> Figure:
     """Draw maps side by side, with the scale of the error, and the computer and date."""
     columns = 2 if len(maps) == 4 else min(len(maps), 3)
     rows = -(-len(maps) // columns)
-    size = (max(PANEL_INCH[0] * columns + 0.9, 6.4), PANEL_INCH[1] * rows + 0.8)
+    size = (max(_PANEL_INCH[0] * columns + 0.9, 6.4), _PANEL_INCH[1] * rows + 0.8)
     figure = Figure(figsize=size, layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes, drawn in zip(grid, maps, strict=False):
@@ -103,8 +103,8 @@ def group_chart(maps: Sequence[StudyMap]) -> Figure:
     handles: list[Any] = [Line2D([], [], color=style.INK, lw=2.0, label="a warning or a refusal begins here")]
     for outcome, mark in _MARKS.items():
         if outcome in _WARNED or any(m.counts[outcome] for m in maps):
-            handles.append(Line2D([], [], ls="", label=OUTCOMES[outcome], **mark))
-    handles.append(Patch(fc=_REFUSED, hatch="///", ec=style.SOFT, label=OUTCOMES[CellOutcome.REFUSES]))
+            handles.append(Line2D([], [], ls="", label=_TEXTS[outcome], **mark))
+    handles.append(Patch(fc=_REFUSED, hatch="///", ec=style.SOFT, label=_TEXTS[CellOutcome.REFUSES]))
     figure.legend(handles=handles, loc="outside upper center", ncols=2 if columns == 1 else 4)
     where = "{processor}, {cores} cores, Python {python}, {date_utc}".format(**machine())
     figure.supxlabel(where, fontsize=7, color=style.SOFT)
@@ -115,7 +115,7 @@ def atlas_json(maps: Sequence[StudyMap]) -> dict[str, Any]:
     """Return what `atlas --json` prints."""
     return {
         "machine": machine(),
-        "outcomes": {outcome.value: text for outcome, text in OUTCOMES.items()},
+        "outcomes": {outcome.value: text for outcome, text in _TEXTS.items()},
         "quiet_wrong": sum(len(m.found(CellOutcome.WRONG_UNWARNED)) for m in maps),
         "maps": [m.as_json() for m in maps],
     }
@@ -125,6 +125,6 @@ def write_atlas(maps: Sequence[StudyMap], folder: Path) -> list[Path]:
     """Write atlas.json and, for each group, GROUP.png and GROUP.svg; return the files."""
     folder.mkdir(parents=True, exist_ok=True)
     write_json(atlas_json(maps), folder / "atlas.json")
-    groups = {name: [m for m in maps if m.study.method in methods] for name, methods in GROUPS.items()}
+    groups = {name: [m for m in maps if m.study.method in methods] for name, methods in _GROUPS.items()}
     pictures = [Picture(name, partial(group_chart, found)) for name, found in groups.items() if found]
     return [folder / "atlas.json", *write_pictures(pictures, folder, hatch_linewidth=0.4)]

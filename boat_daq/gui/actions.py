@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 from datetime import UTC, datetime
 from functools import partial
-from pathlib import Path
 from typing import cast
 
 from PySide6.QtWidgets import QApplication
@@ -180,30 +179,12 @@ def run(window: MainWindow) -> list[Command]:
     model, live = window.model, window.live
     add, seldom = partial(Command, "Run"), _seldom
 
-    def open_queue() -> None:
-        ask_open(window, model.services, "Open a queue", "toml", show_queue)
-
-    def show_queue(path: Path) -> None:
-        queue, attempt = model.run.queue, model.notices.attempt
-
-        def show() -> None:
-            runs = queue.load(path)
-            words = "Each run has a recording of its own. One that does not finish ends the queue."
-
-            def start(_: str) -> bool:
-                return attempt(partial(queue.start, runs))
-
-            TextDialog(window, f"Queue {path.name}", words, queue.preview(runs), "Start", start, 8).show_only()
-
-        attempt(show)
-
     def button(text: str, keys: str, key: str, also: str = "", menu: str = "Run") -> Command:
         def allowed() -> bool:
             return key in model.sequence.allowed(model.snapshot)
 
         return Command(menu, text, keys, partial(model.run.press, key), allowed, also=also)
 
-    queue = model.run.queue
     return [
         button("Arm the plan", "F5", "arm"),
         button("Start", "F6", "start", "begin run"),
@@ -216,8 +197,6 @@ def run(window: MainWindow) -> list[Command]:
         add("Edit a plan of segments …", "", live.edit_segments, also="step ramp sine loop profile"),
         seldom("Open a plan …", live.plan.open),
         seldom("Save the plan …", live.plan.save),
-        add("Run a queue …", "", open_queue, apart=True, also="several runs one after the other"),
-        seldom("Stop the queue", queue.stop, lambda: queue.active),
         seldom("Edit the plan", live.show_plan),
     ]
 

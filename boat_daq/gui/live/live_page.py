@@ -19,7 +19,7 @@ from boat_daq.gui.live.layout_panel import LayoutPanel
 from boat_daq.gui.live.live_plots import LivePlots, OverlayPlots, SignalCurves
 from boat_daq.gui.live.photograph_panel import PhotographPanel
 from boat_daq.gui.live.plan_editor_panel import PlanEditorPanel
-from boat_daq.gui.live.readings_panel import BY_CAMERA, ReadingBar, ReadingsTab, ReadingsTable
+from boat_daq.gui.live.readings_panel import ReadingBar, ReadingsTab, ReadingsTable
 from boat_daq.gui.live.sequence_panel import PlanForm, SequencePanel
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
 from boat_daq.gui.style import Theme
@@ -379,11 +379,6 @@ class LivePage(QWidget):
         self.table.refresh(self.run.snapshot)  # while hidden it is not refreshed
         self.table.view.setFocus()
         return self.table
-
-    def show_camera(self) -> None:
-        """Show the readings with the camera as their source."""
-        self.pane.setCurrentWidget(self.readings)
-        self.readings.choose(BY_CAMERA)
 
     def draw(self) -> None:
         """Draw one frame of the plots and of the shadow."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from PySide6.QtCore import Qt
-from PySide6.QtGui import QTextCursor
 from PySide6.QtWidgets import QDialog, QLineEdit, QPlainTextEdit, QWidget
 
 from boat_daq.gui import style
@@ -51,13 +50,6 @@ class TextDialog(QDialog):
         self.field.selectAll()
         self.show()
         self.field.setFocus()
-
-    def show_only(self) -> None:
-        """Let the text be read, not changed."""
-        self.field.setReadOnly(True)
-        self.button.setFocus()
-        if isinstance(self.field, QPlainTextEdit):
-            self.field.moveCursor(QTextCursor.MoveOperation.Start)
 
     def _take(self) -> None:
         text = self.field.text() if isinstance(self.field, QLineEdit) else self.field.toPlainText()

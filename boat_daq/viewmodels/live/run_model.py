@@ -20,7 +20,6 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.formatting import count
 from boat_daq.viewmodels.common.notices import Notice, Severity
-from boat_daq.viewmodels.common.run_queue import RunQueue
 from boat_daq.viewmodels.common.services import Page, Services, Tab
 from boat_daq.viewmodels.live.connection import ENDED, ConnectionModel
 from boat_daq.viewmodels.live.end_at import EndAt, EndReport, uncertainty_text
@@ -202,11 +201,9 @@ class RunModel:
     enough: EnoughCycles = field(init=False)
     end_at: EndAt = field(init=False)
     end_report: EndReport = field(init=False)
-    queue: RunQueue = field(init=False)
 
     def __post_init__(self) -> None:
         self.trial = QuickTrial(self)
-        self.queue = RunQueue(self.session, self.begin, self.services.notices)
         self.enough = EnoughCycles(self.session)
         self.end_at = EndAt(self.enough, self.sequence, self.services)
         self.end_report = EndReport(self.enough, self.services.notices)
@@ -215,10 +212,6 @@ class RunModel:
     def snapshot(self) -> SessionSnapshot:
         """Return the session as it is now."""
         return self.session.snapshot()
-
-    def connected(self) -> bool:
-        """Return whether samples arrive."""
-        return self.snapshot.link is LinkState.UP
 
     def press(self, button: str) -> None:
         """Press a button of the sequence; start begins a recording first, a new one for each run."""
@@ -248,7 +241,6 @@ class RunModel:
         self.trial.follow(snapshot)
         self.enough.follow(snapshot)
         self.end_report.follow(snapshot)
-        self.queue.follow(snapshot)
 
     def uncertainty_text(self, snapshot: SessionSnapshot) -> str:
         """Return the uncertainty of the run, or what the last one had reached; "" where none was asked for."""
@@ -293,7 +285,7 @@ class RunModel:
         settings = self.session.settings
         if self.connection.unit:
             check_file_name(self.connection.unit)
-        template = self.queue.template or settings.file_name or "{unit}_{date}_{time}"
+        template = settings.file_name or "{unit}_{date}_{time}"
         values = {"unit": self.connection.unit, "operator": settings.operator, "plan": self.sequence.plan.name}
         return named(template, self.services.recordings, datetime.now(UTC).astimezone(), **values)
 

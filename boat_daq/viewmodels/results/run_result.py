@@ -65,21 +65,6 @@ class LoopSet:
         span = float(np.nanmax(mm) - np.nanmin(mm)) or math.nan
         return _lines(self.pressure_kpa[:, cycles].mean(axis=0), 100.0 * (mm[1] - mm[0])[cycles] / span)
 
-    def broken(self, abscissa: FloatArray, ordinate: FloatArray, cycles: IntArray) -> tuple[FloatArray, FloatArray]:
-        """Return cycles as one line: each closed, down the unloading branch and up the loading one, then a NaN.
-
-        Parameters
-        ----------
-        abscissa, ordinate : [2 branches, cycles, levels].
-        """
-        (down_x, up_x), (down_y, up_y) = abscissa[:, cycles], ordinate[:, cycles]
-        gap = np.full((len(cycles), 1), np.nan)
-        x = np.concatenate([down_x[:, ::-1], up_x, gap], axis=1)
-        y = np.concatenate([down_y[:, ::-1], up_y, gap], axis=1)
-        keep = np.isfinite(x) & np.isfinite(y)
-        keep[:, -1] = True
-        return x[keep], y[keep]
-
 
 def _lines(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return rows [cycles, levels] as one line with a NaN behind each; levels without a value are left out."""

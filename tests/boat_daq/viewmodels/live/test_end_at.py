@@ -158,7 +158,7 @@ def test_a_run_without_an_end_to_report_is_not_assessed(report: Report) -> None:
 
 
 def test_the_report_beside_the_next_run_names_its_recording(report: Report) -> None:
-    """In a queue the next run begins before the analysis has ended."""
+    """The operator starts the next run before the analysis has ended."""
     report.follow(SessionState.RUNNING)
     report.follow(SessionState.IDLE)
     assert report.follow(SessionState.RUNNING, complete=0, after_s=WRITTEN_S) == ""

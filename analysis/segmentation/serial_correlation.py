@@ -2,7 +2,7 @@
 
 The model is a first-order autoregression about a constant or a line. Its rho is tested by the restricted likelihood
 (REML, which allows for the fitted line) at 20 % one-sided, since few cycles show little; if it is significant, rho is
-taken at its upper limit of one standard error. Source: D. A. Harville, J. Am. Stat. Assoc. 72 (1977) 320.
+taken at its upper 95 % limit. Source: D. A. Harville, J. Am. Stat. Assoc. 72 (1977) 320.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _FEWEST = 8
 RANDOM_WALK = 0.999
 _RHO = np.asarray([0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, RANDOM_WALK])
 _NOTICED = 0.71  # of twice the gain in log-likelihood: 20 % one-sided, half of chi-square's being zero
-_ONE_SD = 0.5  # of the log-likelihood
+_UPPER = 1.35  # of the log-likelihood: 95 %, one-sided
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class Dependence:
         best = float(likelihood.max())
         if not 2.0 * (best - likelihood[0]) > _NOTICED:
             return cls(n, columns)
-        return cls(n, columns, float(_RHO[np.flatnonzero(likelihood > best - _ONE_SD)[-1]]))
+        return cls(n, columns, float(_RHO[np.flatnonzero(likelihood > best - _UPPER)[-1]]))
 
     @property
     def noticed(self) -> bool:

@@ -112,13 +112,14 @@ def test_readouts_keep_their_places(live):
     for size in ((853, 533), (1280, 800), (1920, 1080)):
         live.resize(*size)
         places: set[tuple[tuple[int, int], ...]] = set()
-        for mm, apart, link in (
-            (1.0, False, LinkState.UP),
-            (-12.5, True, LinkState.UP),
-            (np.nan, False, LinkState.LOST),
+        for mm, apart, link, stand_in in (
+            (1.0, False, LinkState.UP, ""),
+            (-12.5, False, LinkState.UP, "U rests on a stated stand-in"),
+            (-12.5, True, LinkState.UP, ""),
+            (np.nan, False, LinkState.LOST, ""),
         ):
-            live.model.live.inverse = lambda mv, mm=mm, apart=apart: LiveElongation(
-                np.full(len(mv), mm), np.full(len(mv), 0.1), np.full(len(mv), apart)
+            live.model.live.inverse = lambda mv, mm=mm, apart=apart, stand_in=stand_in: LiveElongation(
+                np.full(len(mv), mm), np.full(len(mv), 0.1), np.full(len(mv), apart), stand_in=stand_in
             )
             live.model.session.change(link=link)
             live.refresh()

@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from collections import defaultdict
+from collections.abc import Mapping
 from pathlib import Path
 
 from analysis.calibration.record import CalibrationRecord, SensorRecord
@@ -136,3 +137,46 @@ def test_circles_of_imports_are_found(tmp_path: Path) -> None:
     assert done.returncode == 1
     missed = [kind for kind, (_, _, name) in CIRCLES.items() if f"No cycles are allowed in {name}." not in done.stdout]
     assert missed == []
+
+
+RAISING = {"raises", "warns", "fail", "waitUntil", "waitSignal"}  # calls of pytest and pytest-qt that fail a test
+
+
+def without_assertion(sources: Mapping[str, str]) -> list[str]:
+    """Return the tests that assert nothing, neither themselves nor in a function of the tests that they call."""
+    tests: list[tuple[str, str, set[str]]] = []
+    calls: defaultdict[str, set[str]] = defaultdict(set)
+    asserting: set[str] = set()
+    for path, source in sources.items():
+        for node in ast.walk(ast.parse(source)):
+            if not isinstance(node, ast.FunctionDef):
+                continue
+            inside = list(ast.walk(node))
+            functions = [n.func for n in inside if isinstance(n, ast.Call)]
+            called = {f.id for f in functions if isinstance(f, ast.Name)}
+            methods = {f.attr for f in functions if isinstance(f, ast.Attribute)}
+            raises = methods & RAISING or any(name.startswith("assert_") for name in methods)
+            if raises or any(isinstance(n, ast.Assert) for n in inside):
+                asserting.add(node.name)
+            calls[node.name] |= called
+            if node.name.startswith("test_"):
+                tests.append((path, node.name, called | {node.name}))
+    before = 0
+    while before < len(asserting):
+        before = len(asserting)
+        asserting |= {name for name, called in calls.items() if called & asserting}
+    return [f"{path}: {name}" for path, name, called in tests if not called & asserting]
+
+
+def test_a_test_without_assertion_is_found() -> None:
+    """One that calls a helper which asserts is none."""
+    helper = "def check(x):\n    assert x\n"
+    assert without_assertion({"a": f"{helper}def test_a():\n    check(1)\n", "b": "def test_b():\n    run()\n"}) == [
+        "b: test_b"
+    ]
+
+
+def test_every_test_asserts() -> None:
+    """Else it passes whatever the product does."""
+    files = sorted((ROOT / "tests").rglob("*.py"))
+    assert without_assertion({str(p.relative_to(ROOT)): p.read_text(encoding="utf-8") for p in files}) == []

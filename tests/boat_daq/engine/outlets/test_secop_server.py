@@ -136,7 +136,8 @@ def test_the_client_of_frappy_reads_and_drives(session: Session, server: SecopSe
             time.sleep(0.05)
         assert client.cache["pressure", "value"][0] == pytest.approx(8, abs=1.5)
         client.execCommand("vent", "vent")
-        session.wait(lambda s: s.last.state is BoardState.VENTED, 5)
+        seen = session.wait(lambda s: s.last.state is BoardState.VENTED, 5)
+        assert seen.last.state is BoardState.VENTED
     finally:
         client.disconnect()
 
@@ -152,7 +153,8 @@ def test_the_program_of_the_page_drives_and_vents(
     (tmp_path / "token.txt").write_text(f"{TOKEN}\n", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     exec(block(PAGE, "drive.py").replace("10767", str(server.port)), {})
-    session.wait(lambda s: s.last.state is BoardState.VENTED, 5)
+    seen = session.wait(lambda s: s.last.state is BoardState.VENTED, 5)
+    assert seen.last.state is BoardState.VENTED
 
 
 def test_replies_are_those_of_the_page(session: Session, server: SecopServer) -> None:

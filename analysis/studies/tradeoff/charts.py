@@ -25,13 +25,14 @@ from analysis import figure_style as style
 from analysis.fidelity import LEVELS, MARGINS
 from analysis.machine import machine
 from analysis.studies.harness import Picture, write_json, write_pictures
-from analysis.studies.tradeoff.measure import MARGIN, CostPoint, Measured, part_of_tolerance
+from analysis.studies.tradeoff.measure import MARGIN, TIE, CostPoint, Measured, part_of_tolerance
 from protocol.base.whole_file import written_whole
 
 DATA, _DEFAULT, CHOSEN, _REFUSED = style.SENSOR_COLOURS[0], style.SENSOR_COLOURS[1], style.PRESSURE_COLOUR, style.SOFT
 DOT_PT, CROSS_PT, RING_PT, SQUARE_PT = 5.0, 6.0, 12.0, 16.0
 OVERVIEW_DPI = 88
-_FRONT, _CHOICE = "front: least error for the time", "the rule's choice"
+_FRONT = "front: least error for the time"
+_CHOICE = f"the rule's choice: cheapest accepted,\nor the default within {TIE:g} times its time"
 Place = tuple[float, float]
 _FEW_DECADES = 2.0
 DECADES_BELOW = 4.5
@@ -43,7 +44,7 @@ def method_chart(measured: Measured, where: str) -> Figure:
     figure = Figure(figsize=(8.6, 5.0), layout="constrained")
     axes = figure.subplots()
     at = _draw(axes, measured, margin=0.24)
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=4, fontsize=7.5)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3, fontsize=7.5)
     kind = "independent" if measured.method.independent else "not independent"
     text = f"reference ({kind}): {measured.method.reference}\nconsumer: {measured.method.consumer}\n{where}"
     figure.supxlabel(text, fontsize=6.5, color=style.SOFT)

@@ -27,12 +27,16 @@ SPARSE = 0.67  # share of the rows with a value, up to which a column has a lowe
 REGULAR = 0.9  # share of its intervals that are alike
 
 _TIME = r"(?P<h>\d{1,2}):(?P<m>\d{2})(?::(?P<s>\d{2}(?:[.,:]\d+)?))?(?:\s*(?P<half>[AaPp])\.?[Mm]\.?)?"
+_PACKED = r"(?P<h>\d{2})(?P<m>\d{2})(?P<s>\d{2}(?:[.,]\d+)?)"
+_DASHED = r"(?P<h>\d{2})-(?P<m>\d{2})-(?P<s>\d{2}(?:[.,]\d+)?)"
 _ZONE = r"\s*(?P<zone>Z|UTC|GMT|[+-]\d{2}:?\d{2})?"
 _MONTH = r"(?P<word>[A-Za-zäéû]{3,9})\.?"
 _FORMS = tuple(
     re.compile(form)
     for form in (
-        rf"(?P<y>\d{{4}})[-/.](?P<a>\d{{1,2}})[-/.](?P<d>\d{{1,2}})[T ,]\s*{_TIME}{_ZONE}",
+        rf"(?P<y>\d{{4}})[-/.:年](?P<a>\d{{1,2}})[-/.:月](?P<d>\d{{1,2}})日?[T ,_]\s*{_TIME}{_ZONE}",
+        rf"(?P<y>\d{{4}})-(?P<a>\d{{2}})-(?P<d>\d{{2}})[T _]{_DASHED}{_ZONE}",
+        rf"(?P<y>\d{{4}})(?P<a>\d{{2}})(?P<d>\d{{2}})T{_PACKED}{_ZONE}",
         rf"(?P<y>\d{{4}})(?P<a>\d{{2}})(?P<d>\d{{2}})[T _-]{_TIME}{_ZONE}",
         rf"(?P<d>\d{{1,2}})\.(?P<a>\d{{1,2}})\.(?P<y>\d{{4}}|\d{{2}})[T ,]\s*{_TIME}{_ZONE}",
         rf"(?P<one>\d{{1,2}})(?:/|-)(?P<two>\d{{1,2}})(?:/|-)(?P<y>\d{{4}}|\d{{2}})[T ,]\s*{_TIME}{_ZONE}",
@@ -65,7 +69,7 @@ class Stamps:
 def is_stamp(cell: str) -> bool:
     """Return whether a cell is a date with time, or a time of day."""
     text = _tidy(cell)
-    return ":" in text and any(form.fullmatch(text) for form in _FORMS)
+    return any(sign in text for sign in ":-T") and any(form.fullmatch(text) for form in _FORMS)
 
 
 def _tidy(cell: str) -> str:
@@ -267,6 +271,14 @@ def onto(time_s: FloatArray, own_s: FloatArray, values: FloatArray) -> FloatArra
     after = np.clip(np.searchsorted(own_s, time_s), 1, own_s.size - 1)
     near = (own_s[after] - own_s[after - 1] <= longest) & (time_s >= own_s[0]) & (time_s <= own_s[-1])
     return np.where(near, np.interp(time_s, own_s, values), np.nan)
+
+
+def interpolated_holds(time_s: FloatArray, values: FloatArray, period: int) -> FloatArray:
+    """Return a column that holds each value for `period` rows, interpolated between the rows where it may change."""
+    changes = np.flatnonzero(np.diff(values) != 0) + 1
+    phase = int(np.bincount(changes % period).argmax())
+    kept = np.where(np.arange(values.size) % period == phase, values, np.nan)
+    return np.where(np.arange(values.size) < phase, values, onto(time_s, time_s, kept))
 
 
 def held_period(values: npt.NDArray[np.float64]) -> int:

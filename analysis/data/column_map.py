@@ -128,8 +128,11 @@ def _by_title(table: Table, taken: Set[int], mapped: Set[str], *, signals_mapped
     """Return (our name, position, unit) of the columns whose titles are known, beside those that are mapped."""
     found = []
     for position, (title, unit) in enumerate(zip(table.names, table.units, strict=True)):
-        unit = unit or unit_in_title(title)
-        name = recognised(title, unit)
+        by_title = "" if unit else unit_in_title(title)
+        name = recognised(title, unit or by_title)
+        if name is not None and len(by_title) == 1 and unit_for(name, by_title) is None:
+            by_title = ""  # Time A
+        unit = unit or by_title
         if name is not None and name not in mapped and position not in taken and position not in table.text:
             found.append((name, position, unit))
     computed = "elongation_valid" in table.names  # by a calibration, in an export of ours

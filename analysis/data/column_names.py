@@ -18,9 +18,9 @@ SENSORS_IN_A_RECORDING = 8
 _QUANTITY = {"time_s": "time", "pressure_kpa": "pressure", "target_kpa": "pressure", "elongation_mm": "length"}
 _WORDS = {
     "time_s": (
-        "time", "t", "tijd", "zeit", "temps", "tempo", "tiempo", "timestamp", "datetime", "date time", "elapsed", "x",
-        "seconds", "second", "millis", "micros", "nanos", "milliseconds", "microseconds", "datenum", "x_value",
-        "x value", "clock",
+        "time", "t", "tijd", "zeit", "temps", "tempo", "tiempo", "timestamp", "datetime", "date time", "date",
+        "elapsed", "x", "seconds", "second", "millis", "micros", "nanos", "milliseconds", "microseconds", "datenum",
+        "x_value", "x value", "clock",
     ),
     "pressure_kpa": (
         "pressure", "p", "druk", "druck", "pression", "pressione", "presion", "presión", "press", "gauge",

@@ -209,7 +209,7 @@ def _dialect(lines: list[tuple[int, str]], encoding: str, separator: str, decima
             len(cells) == width
             and _is_data(cells, decimal)
             and _goes_on(width, lines[number_of + 1 :], separator, decimal)
-            and not _is_title(cells, lines[number_of + 1 :], separator, decimal)
+            and not (_is_title(cells, lines[number_of + 1 :], separator, decimal) and not any(map(_recognised, above)))
         ):
             data_line, bare_end = at, not cells[-1].strip()
             break

@@ -431,7 +431,11 @@ def _filled(
             values[name] = clocks.onto(time_s, time_s, values[name])
             _note(meta, f"column {title!r} has a value in every {periods[name]}th row only: interpolated between them")
         elif held := clocks.held_period(values[name]):
-            _note(meta, f"column {title!r} holds each value for {held} rows: its rate is lower than that of the file")
+            text = f"column {title!r} holds each value for {held} rows: its rate is lower than that of the file"
+            if name == "pressure_kpa":
+                values[name] = clocks.interpolated_holds(time_s, values[name], held)
+                text += "; interpolated between them"
+            _note(meta, text)
     return values
 
 

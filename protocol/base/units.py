@@ -52,9 +52,10 @@ _SPELT: Final = {  # other spellings, in small letters
     "minute": "min", "minutes": "min", "minuten": "min", "hr": "h", "hrs": "h", "hour": "h", "hours": "h",
     "day": "d", "days": "d", "tage": "d", "pascal": "Pa", "pascals": "Pa", "kilopascal": "kPa", "kilopascals": "kPa",
     "millibar": "mbar", "bars": "bar", "kg/cm2": "kgf/cm2", "kgf/cm^2": "kgf/cm2", "kg/cm^2": "kgf/cm2",
-    "kgf/cm²": "kgf/cm2", "lbf/in2": "psi", "pounds per square inch": "psi", "inches h2o": "inH2O", "newton": "N",
+    "lbf/in2": "psi", "pounds per square inch": "psi", "inches h2o": "inH2O", "newton": "N",
     "newtons": "N", "ohms": "ohm", "kiloohm": "kohm", "kiloohms": "kohm", "millimeter": "mm", "millimeters": "mm",
     "millimetre": "mm", "millimetres": "mm", "micrometer": "um", "micrometre": "um", "micron": "um", "microns": "um",
+    "n/mm2": "MPa", "n/m2": "Pa", "kn/m2": "kPa",
     "picofarad": "pF", "nanometer": "nm", "nanometre": "nm",
     "inch": "in", "l": "L", "slpm": "L/min", "lpm": "L/min", "ml/min": "mL/min", "sccm": "mL/min", "µ": "um",
 }  # fmt: skip
@@ -78,7 +79,15 @@ class MeasurementUnit:
 @cache
 def find_unit(text: str) -> MeasurementUnit | None:
     """Return the unit of a name, with a prefix or spelt in another case too; None where it is not known."""
-    name = text.strip().replace("µ", "u").replace("μ", "u").replace("°", "deg").replace("Ω", "ohm").replace("³", "3")
+    name = (
+        text.strip()
+        .replace("µ", "u")
+        .replace("μ", "u")
+        .replace("°", "deg")
+        .replace("Ω", "ohm")
+        .replace("³", "3")
+        .replace("²", "2")
+    )
     name = name.strip("[]() ")
     found = _exact(name) or _exact(_SPELT.get(name.lower(), ""))
     if found is None:

@@ -50,6 +50,9 @@ def headed(*head: str, form: str = "{:.3f},{:.4f},{:.4f}", factor: float = 1.0) 
 
 OWN: dict[str, Lines] = {
     "inches of water": headed("Time (s),Pressure (inH2O),S1 (mV)", factor=1 / 0.24908891),
+    "newtons a square": headed("Time (s),Pressure (N/mm2),S1 (mV)", factor=1e-3),
+    "squares": headed("Time (s),Pressure (kg/cm²),S1 (mV)", factor=1 / 98.0665),
+    "a word in the first row": headed("time_s,pressure_kpa,s1_mv", "0.000,0.0100,OVLD"),
     "a unit behind a word, gauge": headed("Elapsed Seconds,Pressure kPa (gauge),S1 mV"),
     "units in words": headed("Time,Pressure,Signal", "Seconds,Kilopascals,Millivolts"),
     "a row of units above": headed("s,kPa,mV", "Time,Pressure,Signal"),

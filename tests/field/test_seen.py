@@ -13,7 +13,7 @@ from analysis.figures.warnings import merged
 from analysis.segmentation.strokes import find_strokes, stroke_figures
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import BoatDaqError
-from tests.field.truth import FSO_MV, HYSTERESIS, NOISE_MV, Run, put, signal, staircase
+from tests.field.truth import FSO_MV, HYSTERESIS, NOISE_MV, Run, are_the_truth, put, signal, staircase
 
 
 def codes(path: Path) -> dict[str, str]:
@@ -82,9 +82,11 @@ def test_noise_of_other_short_holds(tmp_path: Path, hold_s: float) -> None:
 
 @pytest.mark.parametrize(("held", "said"), [(10, True), (1, False)])
 def test_held_values_are_said(tmp_path: Path, run: Run, held: int, said: bool) -> None:
-    """A pressure that is repeated ten times has a tenth of the rate."""
+    """A pressure that is repeated ten times has a tenth of the rate, and is interpolated."""
     kept = Run(run.time_s, np.repeat(run.pressure_kpa[::held], held)[: run.time_s.size], run.signal_mv)
-    notes = import_csv(put(tmp_path, kept.lines())).meta.get("import_notes", [])
+    recording = import_csv(put(tmp_path, kept.lines()))
+    notes = recording.meta.get("import_notes", [])
+    are_the_truth(recording)
     assert any("holds each value for 10 rows" in note for note in notes) is said
 
 

@@ -83,7 +83,8 @@ def sniff(path: Path, separator: str | None = None, skip: int = 0) -> Dialect:
     if nuls and _NUL_INSIDE.search(text):
         raise FileError(f"{path.name} is a binary file of an unknown kind, not text", "Export it as CSV.")
     split = _LINE_END.split(text.replace("\x00", ""))
-    skip = max(skip, 1 + max((at for at, line in enumerate(split) if line.startswith(_LVM_HEAD_ENDS)), default=-1))
+    heads = [at + 1 for at, line in enumerate(split) if line.startswith(_LVM_HEAD_ENDS)]
+    skip = max(skip, *heads[:2][-1:], 0)  # of the file and of its first segment; later segments have theirs
     lines = list(records(enumerate(split[skip : skip + HEAD_LINES], skip)))
     dialects = [dialect for dialect in DIALECTS if separator in (None, dialect[0])]
     scores = [_score([line for _, line in lines], *dialect) for dialect in dialects]
@@ -102,11 +103,22 @@ def sniff(path: Path, separator: str | None = None, skip: int = 0) -> Dialect:
 def _of_labview(dialect: Dialect, head: list[str]) -> Dialect:
     """Return the dialect with the units that the head of a LabVIEW measurement states."""
     stated = {cells[0]: cells[1:] for cells in (line.split(dialect.separator) for line in head)}
-    units = ["s" if stated.get("X_Dimension", [""])[0] in ("Time", "") else ""]
-    units += [label.strip() for label in stated.get("Y_Unit_Label", [])]
-    units = (units + [""] * dialect.columns)[: dialect.columns]
+    time = "s" if stated.get("X_Dimension", [""])[0] in ("Time", "") else ""
+    labels = iter([label.strip() for label in stated.get("Y_Unit_Label", [])])
+    titles = (*dialect.header, *[""] * dialect.columns)[: dialect.columns]
+    units = [time if title.startswith("X_Value") else next(labels, "") for title in titles]
     given = (*dialect.units, *[""] * dialect.columns)
     return replace(dialect, units=tuple(own or unit for own, unit in zip(given, units, strict=False)))
+
+
+def without_heads(lines: Iterable[tuple[int, str]]) -> Iterator[tuple[int, str]]:
+    """Yield numbered lines without the heads of further segments of a LabVIEW measurement."""
+    inside = False
+    for at, line in lines:
+        ends = inside and line.startswith(_LVM_HEAD_ENDS)
+        inside = (inside or line.startswith("Channels\t")) and not ends
+        if not (inside or ends or line.startswith("X_Value\t")):
+            yield at, line
 
 
 def number(cell: str, decimal: str) -> float | None:

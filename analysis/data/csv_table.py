@@ -32,6 +32,7 @@ from analysis.data.csv_dialect import (
     number,
     records,
     sniff,
+    without_heads,
 )
 from analysis.data.table_files import FileColumns, kind_of, read_columns, sheet_text
 from analysis.warning import Warning, WarningCode
@@ -274,7 +275,7 @@ def _slow(path: Path, dialect: Dialect, *, torn: bool) -> Table:
     places: list[int] = []
     warnings: list[Warning] = []
     broken = line_number = 0
-    for line_number, line in records(_lines(path, dialect)):
+    for line_number, line in records(without_heads(_lines(path, dialect))):
         cells = cells_of(line, dialect.separator)
         if len(cells) == width + 1 and not cells[-1].strip():
             cells = cells[:width]  # a separator at the end of the line
@@ -325,7 +326,7 @@ def line_of_row(path: Path, dialect: Dialect, row: int) -> int:
     """Return the line, counted from 1, of data row `row`, counted from 0."""
     if dialect.form:
         return dialect.data_line + row + 1
-    for at, (line_number, _) in enumerate(records(_lines(path, dialect))):
+    for at, (line_number, _) in enumerate(records(without_heads(_lines(path, dialect)))):
         if at == row:
             return line_number
     return dialect.data_line + row + 1

@@ -153,7 +153,8 @@ def _of_struct(name: str, value: Any) -> Iterator[tuple[str, npt.NDArray[Any]]]:
     """Yield the arrays of a structure; those of Simulink's signals are named by their label."""
     fields = getattr(value, "_fieldnames", None)
     if fields is not None:
-        label = str(getattr(value, "label", "") or "").strip()
+        stated = getattr(value, "label", "")
+        label = stated.strip() if isinstance(stated, str) else ""  # an empty one is an empty array
         for key in fields:
             named = label if key == "values" and label else key
             yield from _of_struct(f"{name}/{named}", getattr(value, key))

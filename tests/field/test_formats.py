@@ -117,8 +117,33 @@ def lvm(path: Path, run: Run) -> None:
     path.write_text("\n".join(run.lines("{:.6f}\t{:.6f}\t{:.6f}", "\n".join(head))) + "\n", encoding="utf-8")
 
 
+def lvm_segments(path: Path, run: Run) -> None:
+    """Write a LabVIEW measurement whose every 500 rows have a head of their own."""
+    lvm(path, run)
+    lines = path.read_text(encoding="utf-8").splitlines()
+    own, rows = lines[7:14], lines[14:]
+    parts = [line for k in range(0, len(rows), 500) for line in (*own, *rows[k : k + 500])]
+    path.write_text("\n".join([*lines[:7], *parts]) + "\n", encoding="utf-8")
+
+
+def scope(path: Path, run: Run) -> None:
+    """Write what a scope of Simulink saves: a matrix of signals with an empty label."""
+    from scipy.io import savemat
+
+    signals = {"values": np.column_stack([run.pressure_kpa, run.signal_mv]), "label": "", "dimensions": 2.0}
+    savemat(path, {"ScopeData": {"time": run.time_s, "signals": signals, "blockName": "bench/Scope"}})
+
+
+def test_a_scope_is_mapped_by_number(tmp_path: Path, run: Run) -> None:
+    """Its signals have no names: the columns are listed, and read once they are mapped."""
+    scope(tmp_path / "scope.mat", run)
+    with pytest.raises(BoatDaqError, match="no column was recognised as pressure_kpa, s1_mv"):
+        import_csv(tmp_path / "scope.mat")
+    is_the_truth(tmp_path / "scope.mat", columns={"pressure_kpa": "2:kPa", "s1_mv": "3:mV"})
+
+
 WRITERS = {"lab.xlsx": workbook, "v5.mat": mat, "simulink.mat": simulink, "v73.mat": mat73, "lab.h5": hdf5,
-           "lab.parquet": parquet, "lab.lvm": lvm}  # fmt: skip
+           "lab.parquet": parquet, "lab.lvm": lvm, "segments.lvm": lvm_segments}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", WRITERS)

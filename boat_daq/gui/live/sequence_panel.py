@@ -402,11 +402,9 @@ class PlanForm(QScrollArea):
         for button in (self.set_button, self.elongation_button):
             button.setEnabled("arm" in model.allowed(snapshot))
         self.hold.setEnabled(snapshot.elongation is None)
-        free = "Connect to a board to set an elongation." if snapshot.limits is None else "Not controlled"
+        free = "Connect a board first." if snapshot.limits is None else "Not controlled"
         controls.set_text(self.elongation, elongation_text(snapshot, model.units) or free)
-        controls.set_text(
-            self.limits, limits_text(snapshot.limits, model.units) or "Connect to a board to set a pressure."
-        )
+        controls.set_text(self.limits, limits_text(snapshot.limits, model.units) or "Connect a board first.")
         revision = (model.revision, self.end_at.revision, model.units, plan, model.waits_in_force(snapshot))
         if revision == self._revision:
             return

@@ -20,6 +20,16 @@ if TYPE_CHECKING:
 _TESTS = itertools.count(1)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _modules_are_no_garbage() -> None:
+    """Leave the modules out of every later collection: each window's end has one, and they are most of it."""
+    import boat_daq.gui.actions
+
+    assert boat_daq.gui.actions
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.fixture(autouse=True)
 def _garbage_between_tests() -> Iterator[None]:
     """Collect garbage between tests, as the window does between events: within a call of Qt it can wait for ever."""

@@ -23,7 +23,7 @@ from boat_daq.workflows.run_session import SessionRequest, run_session
 from protocol.simulator.truth import noise_free_run, truth_figures
 from tests.boat_daq.commands.calls import call
 from tests.boat_daq.engine.served_board import serve_in_thread
-from tests.boat_daq.gui.windows import PATIENCE_MS, Grid
+from tests.boat_daq.gui.windows import PATIENCE_MS, Grid, close_all
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
 
@@ -63,8 +63,7 @@ def window(qtbot, tmp_path):
     shown.resize(1280, 800)
     shown.show()
     yield shown
-    shown.close()
-    shown.deleteLater()
+    close_all([shown])
 
 
 def sensitivities(unit):

@@ -159,6 +159,7 @@ def test_tab_reaches_the_buttons_of_the_run(front):
         if QApplication.focusWidget() is pause:
             break
     assert QApplication.focusWidget() is pause
+    assert (QApplication.activeWindow(), QApplication.activePopupWidget()) == (front, None)
     press(front, Key.Key_Space)
     assert (front.model.live.following, front.model.session.calls) == (False, [])
     press(front, Key.Key_Return)

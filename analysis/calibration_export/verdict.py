@@ -180,7 +180,7 @@ def verdict_of(analysis: Analysis, limits: Mapping[str, float] | None = None) ->
     code, reason = _code_of(analysis, readings, unknown, missed=bool(missed))
     failed = worst_conformity(stated) is Conformity.FAIL and bool(limits)
     doubts = _doubts(analysis, u_mm)
-    state = VerdictState.OK if code is VerdictCode.USABLE and not doubts else VerdictState.CHECK
+    state = VerdictState.OK if code is VerdictCode.USABLE and not (doubts or stand_in) else VerdictState.CHECK
     if failed or code in (VerdictCode.NO_CURVE, VerdictCode.TURNS):
         state = VerdictState.FAIL
     elif limits and state is VerdictState.OK:

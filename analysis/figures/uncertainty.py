@@ -43,6 +43,7 @@ from protocol.base.uncertainty import COVERAGE_FACTOR
 
 NOT_READ = "no elongation was read"
 _CURVE_POINTS = 41
+_STATED = ", stated"  # behind the name of a stand-in
 KNOWN_COURSE = 4.0
 """Times the square of the error of a loop's width: below it the mean square of the loop tells nothing of its course."""
 
@@ -87,6 +88,11 @@ class Budget:
         return COVERAGE_FACTOR * self.u
 
     @property
+    def stand_in(self) -> bool:
+        """Whether U rests on a stated stand-in for what the run did not show."""
+        return any(c.assessed and c.name.endswith(_STATED) for c in self.components)
+
+    @property
     def coverage(self) -> float:
         """Level of confidence of U: about 0.95 with many effective degrees of freedom, less with few (GUM G.6.4)."""
         inside = stats.norm.cdf(COVERAGE_FACTOR) if np.isinf(self.dof) else stats.t.cdf(COVERAGE_FACTOR, self.dof)
@@ -120,6 +126,7 @@ class Budget:
             "components": lines,
             **json_object(self, "standard_uncertainty_mm=u", "expanded_uncertainty_mm=expanded"),
             "void": self.void,
+            "stand_in": self.stand_in,
             "coverage_factor": COVERAGE_FACTOR,
             "effective_dof": self.dof,
             "what_halves_it": self.what_halves_it(),
@@ -424,7 +431,7 @@ def _of_run(
 
 
 def _label(one: TypeBContribution) -> str:
-    return f"{one.label}, stated" if one.name in STAND_INS else one.label
+    return f"{one.label}{_STATED}" if one.name in STAND_INS else one.label
 
 
 def _half_loop(analysis: AnalysedRun, sensor: int) -> tuple[FloatArray, str]:

@@ -316,7 +316,11 @@ def _budget_table(budgets: Sequence[Budget]) -> ReportTable:
     dof = " / ".join(dict.fromkeys(_dof(b.dof) for b in budgets))
     covers = " / ".join(dict.fromkeys(NOTHING if b.void else percent(b.coverage) for b in budgets))
     combined = (t for b in budgets for t in (("not known", NOTHING) if b.void else (f"{1000 * b.u:.1f}", "100 %")))
-    expanded = (t for b in budgets for t in ("not known" if b.void else f"{1000 * b.expanded:.0f}", ""))
+    expanded = (
+        t
+        for b in budgets
+        for t in ("not known" if b.void else f"{1000 * b.expanded:.0f}{', stand-in' if b.stand_in else ''}", "")
+    )
     rows.append(("combined", *combined, f"effective degrees of freedom {dof}"))
     traced = " / ".join(dict.fromkeys(b.traceability.text for b in budgets if b.traceability is not None))
     rows.append(("expanded, k = 2", *expanded, "; ".join(part for part in (f"covers about {covers}", traced) if part)))

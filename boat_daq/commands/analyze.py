@@ -223,9 +223,9 @@ def _show_sensors(analysis: Analysis) -> None:
     for sensor, budget in zip(sensors, analysis.budgets.budgets if analysis.budgets else (), strict=False):
         assert analysis.budgets is not None
         at = f"at {analysis.budgets.x_mm:+.2f} mm"
-        expanded = (
-            f"U is not known: {budget.void}" if budget.void else f"U = {1000 * budget.expanded:.0f} µm (k = 2) {at}"
-        )
+        mark = ", with a stand-in" if budget.stand_in else ""
+        known = f"U = {1000 * budget.expanded:.0f} µm (k = 2{mark}) {at}"
+        expanded = f"U is not known: {budget.void}" if budget.void else known
         show(f"{sensor.name}: {expanded}, {budget.traceability.text if budget.traceability else ''}")
     for sensor in sensors:
         for found in sensor.influences:

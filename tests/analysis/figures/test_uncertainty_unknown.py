@@ -254,7 +254,8 @@ def test_a_stated_stand_in_gives_u_and_is_named_wherever_it_is(
     assert set(samples_frame(analysis.recording, slice(0, 9), converted)["u_stand_in"]) == {1}
     verdict = verdict_of(analysis)
     assert "(k = 2, with a stand-in)" in str(verdict.headline)
-    assert verdict.as_json()["u_stand_in"] == shown["u_reason"]
+    assert (verdict.as_json()["u_stand_in"], verdict.state) == (shown["u_reason"], "check")
+    assert budget.stand_in
     made = certificate_of([analysis], Request(Laboratory("Lab"), "C", ("SA1",)))
     assert any("stated stand-in" in text for text in made.items[0].warnings)
     other = next(each for each in STATED if each != key)

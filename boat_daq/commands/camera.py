@@ -14,7 +14,7 @@ app = typer.Typer(help="Elongation from a camera: marks to print, lens, cameras,
 
 @app.command("list")
 def list_cameras(as_json: JsonOption = False) -> None:
-    """List the cameras of this computer, with the number that names each.
+    """List the cameras of this computer and their numbers.
 
     Example: boat-daq camera list
     """
@@ -32,7 +32,7 @@ def marks(
         float, typer.Option("--mark-mm", min=2, max=60, metavar="MM", help="Black square's side.")
     ] = 10.0,
 ) -> None:
-    """Write the two marks, for base and tip, as a PDF to print at true size.
+    """Write the two marks, for base and tip, as a PDF to print.
 
     Example: boat-daq camera marks --out marks.pdf --mark-mm 8
     """
@@ -53,7 +53,7 @@ def calibrate(
     unit: Annotated[str, typer.Option(help="Unit whose camera it is: the lens is stored with it.")] = "",
     as_json: JsonOption = False,
 ) -> None:
-    """Calibrate the lens of a camera from pictures of a checkerboard.
+    """Calibrate a lens from pictures of a checkerboard.
 
     The reprojection error is the rms distance of the corners from the fitted lens; below 0.5 px is good.
 
@@ -95,7 +95,7 @@ def track(
     to: Annotated[Path | None, typer.Option("--out", metavar="FILE.csv", help="Table to write.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Track the elongation in a video, with its standard uncertainty at every frame.
+    """Track the elongation, with its uncertainty, in a video.
 
     Example: boat-daq camera track run.mkv --mark-mm 8 --out run.elongation.csv
     """

@@ -25,7 +25,7 @@ KeysArgument = Annotated[list[str] | None, typer.Argument(metavar="[KEY]...", he
 
 @config.command("get")
 def config_get(keys: KeysArgument = None, as_json: JsonOption = False) -> None:
-    """Show the settings: value, range, default, meaning, and when a new value takes effect.
+    """Show the settings: value, range, default and meaning.
 
     Example: boat-daq config get rate_hz
     """
@@ -78,7 +78,7 @@ def unit_list(as_json: JsonOption = False) -> None:
 
 @unit.command("show")
 def unit_show(name: NameArgument, as_json: JsonOption = False) -> None:
-    """Show a unit: values with range, default and meaning, calibrations, metadata, type B contributions, changes.
+    """Show a unit: values, calibrations, metadata, changes.
 
     Example: boat-daq unit show SA1
     """

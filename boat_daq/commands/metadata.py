@@ -26,7 +26,7 @@ def metadata(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Show the metadata and markers of a recording, or state them; the unit's next recording states them, too.
+    """Show the metadata and markers of a recording, or change them; the unit's next recording inherits them.
 
     Keys: operator, customer, item, serial_number, note, ambient_temperature_c, ambient_humidity_percent; any other key
     names a field of your own. What was stated before stays in the file. While a recording is in progress, only the

@@ -176,7 +176,7 @@ def trace(
     fidelity: OptionalFidelity = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Trace one design in one state: detected rays, power, and what became of every ray.
+    """Trace one design in one state: detected rays and power.
 
     Example: boat-daq optics trace --cavities 5 --width 1.0 --depth 0.5 --spacing 0.9 --state 0
     """
@@ -289,7 +289,9 @@ def scene_command(
     out: Annotated[Path | None, typer.Option(help="File to write; default scene.json.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write one design in one state as a scene of the 2D simulator 'ray-optics' (JSON, version 5).
+    """Write a design as a scene of the 2D simulator 'ray-optics'.
+
+    One state of it; the format is JSON, version 5.
 
     With --json and without --out the scene itself is printed. With --secondary 0 its glass does not reflect at a
     refraction, so that its detector counts the same rays as `trace --secondary 0`.
@@ -332,7 +334,7 @@ def sweep(
     fidelity: OptionalFidelity = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Simulate the paper's designs (216 for each number of cavities) in all 15 states, and rank them.
+    """Simulate the paper's designs in all 15 states; rank them.
 
     Example: boat-daq optics sweep --cavities 3,5,7 --rays 250 --out sweep
     """
@@ -442,7 +444,9 @@ def optimise(
     out: Annotated[Path | None, typer.Option(help="Folder for the result as JSON.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Search width, depth, spacing, count and face continuously, from the grid's best.
+    """Search a better design, from the best of the grid.
+
+    Width, depth and spacing are continuous; number of cavities and face vary too.
 
     Example: boat-daq optics optimise --seconds 50
     """

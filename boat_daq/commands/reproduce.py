@@ -95,7 +95,9 @@ def optics(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Rank the paper's optical design under every credible reading of what the paper leaves open.
+    """Rank the paper's design under each reading of the paper.
+
+    A reading settles what the paper leaves open.
 
     Readings are the place of the cavities, the guide's thickness, the states and the emission: 48 combinations, each
     swept over the paper's 648 designs in 15 states.

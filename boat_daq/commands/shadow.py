@@ -65,7 +65,9 @@ def solve(
     fidelity: FidelityOption = "normal",
     as_json: JsonOption = False,
 ) -> None:
-    """Solve the state at a pressure, at an elongation, or with both imposed (by a force at the tip).
+    """Solve the state at a pressure, an elongation, or both.
+
+    Both are imposed together by a force at the tip.
 
     Beyond the critical pressure the actuator is unstable; such a state is refused with that pressure.
 
@@ -157,7 +159,9 @@ def table(
     fidelity: FidelityOption = "normal",
     as_json: JsonOption = False,
 ) -> None:
-    """Build the reduced model, or load it from the cache; show its range, error and speed.
+    """Show range, error and speed of the reduced model.
+
+    It is loaded from the cache, or built.
 
     Example: boat-daq shadow table --plot errors.png
     """
@@ -202,7 +206,9 @@ def export(
     parameters: ParametersOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write the mesh with its state (vtu), the mesh (msh), or the whole problem for CalculiX (inp).
+    """Write mesh and state for ParaView, Gmsh or CalculiX.
+
+    vtu: mesh with state; msh: mesh; inp: the whole problem.
 
     Example: boat-daq shadow export --format inp --pressure 50 --out actuator.inp
     """
@@ -221,7 +227,9 @@ def states(
     parameters: ParametersOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write the guides in 15 states from -40 to +50 kPa, as curves for the optical model.
+    """Write the guides in 15 states for the optical model.
+
+    They are curves, from -40 to +50 kPa.
 
     Example: boat-daq shadow states --out curves.csv
     """
@@ -260,7 +268,9 @@ def modulus(
     parameters: ParametersOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Find the effective modulus of the lattice from uniaxial compression, and its effect on nominal elongation.
+    """Find the modulus of the lattice from compression tests.
+
+    Also shows its effect on the nominal elongation.
 
     Example: boat-daq shadow modulus s1.csv s2.csv s3.csv --height-mm 50 --area-mm2 2500
     """
@@ -306,7 +316,7 @@ def replay(
     plot: PlotOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Compare a run with the shadow: deviation, drift over cycles, and the alarms of the monitor.
+    """Compare a run with the shadow: deviation, drift, alarms.
 
     Example: boat-daq shadow replay repeatability.boat --calibration calibration.boat --plot deviation.png
     """
@@ -352,7 +362,9 @@ def chain(
     parameters: ParametersOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Compute pressure, guides, detected light and the best pattern, and compare with the parametric curves.
+    """Compute the chain from pressure to detected light.
+
+    Also the best pattern, and both with the parametric curves.
 
     The light of the paper's design is compared with the published calibrations, by the best gain and offset.
 

@@ -34,7 +34,7 @@ def accept(
     ] = "",
     as_json: JsonOption = False,
 ) -> None:
-    """Accept the calibration of a run: it comes into force for its unit, as in the window.
+    """Accept the calibration of a run for its unit.
 
     Example: boat-daq twin accept SA1.boat
     """
@@ -65,7 +65,9 @@ def identify(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Identify the hysteresis of a run's unit: a generalised Prandtl-Ishlinskii model, by the calibration in force.
+    """Identify the hysteresis of a unit from a run.
+
+    A generalised Prandtl-Ishlinskii model, by the calibration in force.
 
     Of another actuator than the paper's, or other cavities, the light is traced once: a quarter of an hour on two free
     cores, up to an hour on busy ones. A call that was stopped (Ctrl-C) continues. The unit's signals are predicted by
@@ -99,7 +101,7 @@ def identify(
 
 @app.command()
 def tune(run: RecordingArgument, as_json: JsonOption = False) -> None:
-    """Take the gains of the control from a step test: a run of the plan step-test.
+    """Take the gains of the control from a run of step-test.
 
     Example: boat-daq twin tune step-test.boat
     """
@@ -184,7 +186,9 @@ def dynamics(
     out: Annotated[Path | None, typer.Option(metavar="FILE.pdf|FILE.html", help="Write it as a report.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Compute the dynamics of a run of steps or sines of elongation: rise, settling, overshoot, bandwidth, phase.
+    """Compute the dynamics of a run of steps or sines.
+
+    Rise, settling and overshoot; bandwidth and phase.
 
     Example: boat-daq twin dynamics steps.boat --out dynamic-calibration.pdf
     """
@@ -215,7 +219,9 @@ def predict(
     out: Annotated[Path | None, typer.Option(help="CSV of measured and predicted signals, a row a sample.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Predict the signals of a run by the chain from pressure to light, fitted to the calibration in force.
+    """Predict the signals of a run from its pressure.
+
+    By the chain from pressure to light, fitted to the calibration in force.
 
     Prints what the chain explains of the calibration and of the paper's published curves, beside a line and a parabola,
     and what disagrees in the run: mechanics (elongation against pressure), optics (one signal) or electronics (all).

@@ -16,7 +16,9 @@ import typer.main
 
 from boat_daq.cli import LazyCommands, app
 from tests.boat_daq.commands.calls import program
+from tests.conftest import ROOT
 
+EXAMPLE = ROOT / "recordings" / "simulated_SA1_two_cycles.boat"
 MOST_OPTIONS, MOST_OF_A_COMMAND = 250, 16
 
 INTERRUPTED_IN_A_CALLBACK = """
@@ -73,19 +75,30 @@ __main__.main()
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
-@pytest.mark.parametrize("call", ["--version", "analyze --help"])
-def test_help_imports_no_library_of_the_analysis(call: str) -> None:
+@pytest.mark.parametrize(
+    ("call", "needed"),
+    [
+        ("--version", []),
+        ("analyze --help", []),
+        ("record --help", []),
+        ("config get", ["rich"]),
+        ("ports", ["numpy", "rich"]),
+        (f"info {EXAMPLE}", ["numpy", "rich"]),
+    ],
+)
+def test_a_call_imports_what_it_needs(call: str, needed: list[str]) -> None:
     """What only prints text starts within 0.2 s, because it imports neither numpy nor rich, 0.3 s of CPU."""
     program = f"""
 import atexit, sys
-atexit.register(lambda: print(sorted({{"numpy", "rich", "pandas", "numba", "pydantic"}} & set(sys.modules))))
+heavy = {{"numpy", "rich", "pandas", "numba", "pydantic", "scipy", "matplotlib", "typst", "emcee", "PySide6"}}
+atexit.register(lambda: print(sorted(heavy & set(sys.modules))))
 from boat_daq.__main__ import main
 sys.argv[1:] = {call.split()}
 main()
 """
     ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
     assert len(ended.stdout.splitlines()) > 1
-    assert ended.stdout.splitlines()[-1] == "[]"
+    assert ended.stdout.splitlines()[-1] == str(needed)
 
 
 def test_every_command_is_found_under_its_name() -> None:
@@ -105,6 +118,8 @@ def test_summaries_are_whole_in_the_help() -> None:
     """Within 60 characters, in groups, the first commands on top; no name of a command is missing."""
     found = LazyCommands()
     assert {name: text for name, text in found.summaries.items() if len(text) > 60} == {}
+    inner = {name: command for name, command in commands_of(typer.main.get_command(app)) if name.count(" ") > 1}
+    assert {name: text for name, one in inner.items() if len(text := one.get_short_help_str(200)) > 60} == {}
     shown = program("-h").out
     assert shown == program("--help").out == program("help").out
     lines = [line.split()[0] for line in shown.splitlines() if line.startswith("  ") and line.split()]

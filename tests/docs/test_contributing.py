@@ -41,3 +41,28 @@ def test_a_file_that_is_gone_is_noticed() -> None:
 def test_every_named_file_in_the_rules_exists() -> None:
     rules = TEXT.partition("## Rules")[2]
     assert [name for name in NAME.findall(rules) if not (ROOT / name).exists()] == []
+
+
+def test_workflows_call_targets_of_make() -> None:
+    """Each workflow is YAML with steps, and each `make` in it names targets that exist."""
+    yaml = pytest.importorskip("yaml")
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    files = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
+    jobs = [job for file in files for job in yaml.safe_load(file.read_text(encoding="utf-8"))["jobs"].values()]
+    steps = [step.get("run", "") for job in jobs for step in job["steps"]]
+    called = {word for step in steps if step.startswith("make ") for word in step.split()[1:] if "=" not in word}
+    assert {"test", "demo", "docs", "wheel", "bundle", "sbom"} <= called <= targets
+
+
+def test_addresses_of_the_project_have_one_source() -> None:
+    """The placeholders are in `[project.urls]` alone, and CONTRIBUTING names what is to be set before a release."""
+    pages = [ROOT / name for name in ("README.md", "SECURITY.md", "CITATION.cff", "CHANGELOG.md")]
+    pages += [*(ROOT / "docs").rglob("*.md"), *(ROOT / "boat_daq").rglob("*.py")]
+    holding = [str(path.relative_to(ROOT)) for path in pages if "https://example.org" in path.read_text("utf-8")]
+    assert holding == []
+    assert "[project.urls]" in TEXT
+
+
+def test_the_methods_have_10_000_words_together() -> None:
+    texts = [path.read_text(encoding="utf-8") for path in (ROOT / "analysis").rglob("METHODS.md")]
+    assert (len(texts), sum(len(text.split()) for text in texts) <= 10_000) == (4, True)

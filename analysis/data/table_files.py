@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import pandas as pd
 
-from analysis.data.clocks import Stamps
+from analysis.data.clocks import Stamps, read_stamps
 from analysis.data.column_names import split_unit
 from protocol.base.errors import FileError, RequestError
 from protocol.base.optional import optional
@@ -195,6 +196,19 @@ def _word(value: Any) -> str:
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
 
 
+def _numbers(column: pd.Series[Any]) -> npt.NDArray[Any]:
+    """Return a column of a frame with stamps of a zone and as text as those of UTC, and durations in s."""
+    if isinstance(column.dtype, pd.DatetimeTZDtype):
+        column = column.dt.tz_convert("UTC").dt.tz_localize(None)
+    elif column.dtype.kind == "m":
+        column = column.dt.total_seconds()
+    elif column.dtype.kind not in "iufbM":
+        stamps = read_stamps([str(cell) for cell in column])
+        if stamps is not None and stamps.midnight:
+            return np.datetime64(stamps.midnight, "ns") + np.round(stamps.seconds * 1e9).astype("timedelta64[ns]")
+    return np.asarray(column.to_numpy())
+
+
 def _parquet(path: Path) -> Found:
     parquet = optional("pyarrow.parquet")
     try:
@@ -205,7 +219,7 @@ def _parquet(path: Path) -> Found:
     found: list[tuple[str, npt.NDArray[Any]]] = []
     units: dict[str, str] = {}
     for column, entry in zip(table.columns, table.schema, strict=True):
-        values = column.to_pandas().to_numpy()
+        values = _numbers(column.to_pandas())
         if values.dtype.kind in "iufbM":
             found.append((entry.name, values))
         stated = {_word(key): _word(value) for key, value in (entry.metadata or {}).items()}

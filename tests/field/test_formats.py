@@ -117,6 +117,22 @@ def lvm(path: Path, run: Run) -> None:
     path.write_text("\n".join(run.lines("{:.6f}\t{:.6f}\t{:.6f}", "\n".join(head))) + "\n", encoding="utf-8")
 
 
+def parquet_text(path: Path, run: Run) -> None:
+    """Write a frame with stamps as text."""
+    import pandas as pd
+
+    stamps = [(NOON + timedelta(seconds=float(t))).isoformat(" ", "milliseconds") for t in run.time_s]
+    pd.DataFrame({"Time": stamps, HEAD[1]: run.pressure_kpa, HEAD[2]: run.signal_mv}).to_parquet(path)
+
+
+def parquet_zone(path: Path, run: Run) -> None:
+    """Write a frame with stamps that name their zone."""
+    import pandas as pd
+
+    stamps = pd.to_datetime(NOON).tz_localize("Europe/Amsterdam") + pd.to_timedelta(np.round(run.time_s, 3), unit="s")
+    pd.DataFrame({"Time": stamps, HEAD[1]: run.pressure_kpa, HEAD[2]: run.signal_mv}).to_parquet(path)
+
+
 def lvm_segments(path: Path, run: Run) -> None:
     """Write a LabVIEW measurement whose every 500 rows have a head of their own."""
     lvm(path, run)
@@ -143,7 +159,8 @@ def test_a_scope_is_mapped_by_number(tmp_path: Path, run: Run) -> None:
 
 
 WRITERS = {"lab.xlsx": workbook, "v5.mat": mat, "simulink.mat": simulink, "v73.mat": mat73, "lab.h5": hdf5,
-           "lab.parquet": parquet, "lab.lvm": lvm, "segments.lvm": lvm_segments}  # fmt: skip
+           "lab.parquet": parquet, "lab.lvm": lvm, "segments.lvm": lvm_segments, "text.parquet": parquet_text,
+           "zone.parquet": parquet_zone}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", WRITERS)

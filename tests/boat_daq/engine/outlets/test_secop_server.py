@@ -234,6 +234,11 @@ def test_updates_follow_an_activation(session: Session, server: SecopServer) -> 
     assert all(line.startswith("update pressure:") for line in told)
     assert len([line for line in told if line.startswith("update pressure:status")]) == 1  # what changes, and no more
     assert client.ask("deactivate pressure")[0] == "inactive"
+    time.sleep(0.3)
+    client.send("ping 1")
+    assert client.line().startswith("pong 1")
+    client.send("ping " + 9000 * "x")
+    assert "more than 8192 bytes" in client.line()
     client.close()
 
 
@@ -307,6 +312,7 @@ def test_read_only_refuses_all_but_vent(session: Session, tmp_path: Path) -> Non
 def test_other_computers_need_a_token(session: Session, tmp_path: Path) -> None:
     """No address beyond loopback without one; without it not even VENT; a wrong one is refused late."""
     node = SecopNode(session, tmp_path)
+    assert secop_server.is_loopback("localhost")
     for host in ("0.0.0.0", "lab.example"):
         with pytest.raises(RequestError, match=f"^{host} can be reached from other computers"):
             SecopServer(node, (host, 0))
@@ -367,6 +373,7 @@ def test_the_number_of_clients_is_limited_but_not_for_vent(session: Session, ser
     assert clients[0].ask("change pressure:target 10")[0] == "changed"
     session.wait(lambda s: s.last.pressure_kpa > 2, 5)
     assert venting.ask("do vent:_vent")[0] == "done"
+    assert server.refused == 2
     assert session.wait(lambda s: s.last.state is BoardState.VENTED, 5).last.state is BoardState.VENTED
     for client in (*clients, more, venting):
         client.close()

@@ -15,14 +15,13 @@ from PySide6.QtWidgets import QButtonGroup, QPlainTextEdit, QProgressBar, QPushB
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
-from boat_daq.gui.recording_badge import RecordingBadge
 from boat_daq.gui.widgets import controls
-from boat_daq.gui.widgets.file_dialogs import open_path
+from boat_daq.gui.widgets.file_dialogs import open_folder, open_path
 from boat_daq.viewmodels.common.notices import TITLES, Notice, Notices, Severity
 from boat_daq.viewmodels.common.services import Page, Panel, Services
 from boat_daq.viewmodels.live.connection import ConnectionModel, link_text
 from boat_daq.viewmodels.live.outlets import OutletsModel
-from boat_daq.viewmodels.live.recording_status import RecordingStatus
+from boat_daq.viewmodels.live.recording_status import RecordingStatus, RecordingText
 from boat_daq.viewmodels.live.unit_in_use import UnitInUse
 from boat_daq.workflows.jobs import JobRunner
 
@@ -420,3 +419,36 @@ class Strip(QWidget):
         """Cancel the newest job."""
         for job in self.jobs.running()[-1:]:
             job.cancel()
+
+
+_KEY = "Ctrl+R"
+
+
+class RecordingBadge:
+    """The two widgets; the header places them."""
+
+    def __init__(self, status: RecordingStatus, services: Services) -> None:
+        self.status = status
+        self.badge: QPushButton = controls.button("", lambda: open_folder(status.folder, services), "rec")
+        self.button: QPushButton = controls.button("", status.toggle)
+        self._text = RecordingText()
+
+    def refresh(self, snapshot: SessionSnapshot) -> None:
+        """Show the recording in progress, or that one can be started."""
+        self._text = found = self.status.text(snapshot)
+        controls.set_state(self.badge, found.state)
+        self.badge.setToolTip(controls.as_words(found.tip))
+        self.badge.setAccessibleName(f"Recording: {found.text or 'none'}")
+        self.badge.setVisible(bool(found.text))
+        controls.set_text(self.button, found.button)
+        self.button.setToolTip(controls.as_words(f"{found.button} ({_KEY})" if found.text else f"{found.tip} ({_KEY})"))
+        self.button.setAccessibleName("Stop recording" if found.text else "Record")
+        self.button.setVisible(bool(found.button))
+
+    def fold(self, *, short: bool) -> None:
+        """Show the short text, or the whole one."""
+        controls.set_text(self.badge, self._text.short if short else self._text.text)
+
+    def lengths(self) -> tuple[object, ...]:
+        """Return what the width depends on: digits have one width."""
+        return len(self._text.text), len(self._text.short), self._text.button

@@ -49,7 +49,7 @@ from protocol.base.errors import DeviceError, RequestError
 from protocol.recording import RunEnd
 
 if TYPE_CHECKING:
-    from boat_daq.engine.simulator.in_process import BoardInThread
+    from boat_daq.engine.simulator.server import BoardInThread
 
 VENTING_WAIT_S = 5.0
 _POLL_S = 0.01
@@ -125,7 +125,7 @@ class Session:
         speed : board time over real time, 1 to 1000.
         options : as of `open`. `enter_simulated_readings(session)` then enters the elongations of its plateaus.
         """
-        from boat_daq.engine.simulator.in_process import BoardInThread
+        from boat_daq.engine.simulator.server import BoardInThread
 
         board = BoardInThread(unit, speed=speed, seed=seed)
         options.setdefault("metadata", {"unit": unit, "operator": "notebook"})

@@ -20,7 +20,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from analysis.data.clocks import Stamps, read_stamps
-from analysis.data.column_names import split_unit
+from analysis.data.column_names import recognised, split_unit
 from protocol.base.errors import FileError, RequestError
 from protocol.base.optional import optional
 
@@ -96,7 +96,9 @@ def read_columns(path: Path, kind: str) -> FileColumns:
         cause = f"{path.name} holds no arrays of numbers; tables and objects of MATLAB cannot be read"
         raise FileError(cause, "Save the columns as arrays, or the table as CSV.")
     n = max(lengths, key=lambda size: (lengths[size], size))
-    chosen = {name: column for name, column in columns.items() if column.size == n}
+    names = [name for name, column in columns.items() if column.size == n]
+    names.sort(key=lambda name: (name.rpartition("/")[0], not _is_time(name)) if "/" in name else ("", False))
+    chosen = {name: columns[name] for name in names}
     titles, stated = zip(*map(split_unit, _short(list(chosen))), strict=True)
     stamps = {at: _stamps(c) for at, c in enumerate(chosen.values()) if np.issubdtype(c.dtype, np.datetime64)}
     values = tuple(
@@ -117,9 +119,15 @@ def _stamps(column: npt.NDArray[Any]) -> Stamps:
 
 
 def _short(names: list[str]) -> tuple[str, ...]:
-    """Return the last parts of names such as `out/signals/values`, whole where they would not differ."""
+    """Return the last parts of names such as `out/signals/values`, whole where they would not differ but for clocks."""
     last = [name.rpartition("/")[2] for name in names]
-    return tuple(short if last.count(short) == 1 else name for short, name in zip(last, names, strict=True))
+    pairs = zip(last, names, strict=True)
+    return tuple(short if last.count(short) == 1 or _is_time(name) else name for short, name in pairs)
+
+
+def _is_time(name: str) -> bool:
+    """Return whether a name such as `run/pressure/time` is that of a clock, of the columns in its group."""
+    return recognised(*split_unit(name.rpartition("/")[2])) == "time_s"
 
 
 def _split(title: str, array: npt.NDArray[Any]) -> Iterator[tuple[str, npt.NDArray[Any]]]:

@@ -133,6 +133,16 @@ def parquet_zone(path: Path, run: Run) -> None:
     pd.DataFrame({"Time": stamps, HEAD[1]: run.pressure_kpa, HEAD[2]: run.signal_mv}).to_parquet(path)
 
 
+def hdf5_groups(path: Path, run: Run) -> None:
+    """Write groups of pressure and sensor, each with a clock of its own."""
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        for name, column, values in (("pressure", HEAD[1], run.pressure_kpa), ("sensor", HEAD[2], run.signal_mv)):
+            group = file.create_group(f"run 1/{name}")
+            group["time"], group[column] = run.time_s, values
+
+
 def lvm_segments(path: Path, run: Run) -> None:
     """Write a LabVIEW measurement whose every 500 rows have a head of their own."""
     lvm(path, run)
@@ -159,7 +169,8 @@ def test_a_scope_is_mapped_by_number(tmp_path: Path, run: Run) -> None:
 
 
 WRITERS = {"lab.xlsx": workbook, "v5.mat": mat, "simulink.mat": simulink, "v73.mat": mat73, "lab.h5": hdf5,
-           "lab.parquet": parquet, "lab.lvm": lvm, "segments.lvm": lvm_segments, "text.parquet": parquet_text,
+           "lab.parquet": parquet, "lab.lvm": lvm, "segments.lvm": lvm_segments, "groups.h5": hdf5_groups,
+           "text.parquet": parquet_text,
            "zone.parquet": parquet_zone}  # fmt: skip
 
 

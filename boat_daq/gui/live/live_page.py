@@ -40,7 +40,7 @@ ELONGATION_NOTES = (("\u00b18.88 stand-in", "\u25b2 out of range"), ("\u00b18.88
 TARGET_NOTES = (("was +88.8",), ("\u2192 +88.8", "was +88.8"))
 _SENSORS, _BESIDE = 4, 2  # of a board at most; of those at most whose values are beside the others
 BAND = (
-    "Expanded uncertainty, k = 2; it does not hold where sensors disagree or the elongation is out of range. "
+    "Expanded uncertainty, k = 2; it does not hold where sensors disagree or the elongation is out of range\n"
     "Stand-in, stated: it rests on a stated value for what the calibration run did not show"
 )
 TRIAL = "See a whole calibration in half a minute: three cycles of a simulated unit, read automatically."

@@ -28,7 +28,7 @@ ThemeColour = Callable[[Theme], str]
 L = TypeVar("L", bound="Layer")
 _EMPTY: FloatArray = np.zeros(0)
 FEW = 64  # points
-FILLED = 64  # points of a surface of a band
+FILLED_POINTS = 64  # points of a surface of a band
 COSMETIC = 0.0  # a pen of this width is one pixel at any zoom and adds nothing to the bounds
 
 pg.setConfigOptions(antialias=False, useOpenGL=False, segmentedLineMode="off")
@@ -77,7 +77,7 @@ class PathItem(QGraphicsPathItem):
         Qt's time to fill a surface grows with the square of the edges that cross a line of pixels: many narrow surfaces
         of a noisy band are painted in a tenth of the time of a wide one.
         """
-        begins = range(0, max(x.size - 1, 1), FILLED)
+        begins = range(0, max(x.size - 1, 1), FILLED_POINTS)
         for _ in range(len(self._parts) + 1, len(begins)):
             part = PathItem(self)
             part.setPen(self.pen())
@@ -86,7 +86,7 @@ class PathItem(QGraphicsPathItem):
         for begin, part in zip_longest(begins, (self, *self._parts)):
             path = QPainterPath()
             if begin is not None:
-                xs, lows, highs = (values[begin : begin + FILLED + 1] for values in (x, low, high))
+                xs, lows, highs = (values[begin : begin + FILLED_POINTS + 1] for values in (x, low, high))
                 path = pg.functions.arrayToQPath(np.concatenate([xs, xs[::-1]]), np.concatenate([lows, highs[::-1]]))
                 path.setFillRule(Qt.FillRule.WindingFill)
             part.setPath(path)

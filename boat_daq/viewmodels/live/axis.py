@@ -16,7 +16,7 @@ from protocol.base.units import MINUS
 
 LADDER = (1.0, 2.0, 5.0)
 TICK_PX = 15.0  # of one label
-CONSTANT = 1e-9  # of a value: a range so narrow is that of a constant
+CONSTANT_RANGE = 1e-9  # of a value: a range so narrow is that of a constant
 DIVISIONS = 7  # at most so many labelled ticks over a range
 
 
@@ -35,8 +35,8 @@ def tick_step(span: float, room_px: float = math.inf) -> float:
 def framed(low: float, high: float, *, smallest: float = 0.0) -> tuple[float, float]:
     """Return a range of whole tick steps around [low, high], at least `smallest` wide; a tenth of a constant."""
     middle, span = (low + high) / 2, max(high - low, smallest)
-    if span <= CONSTANT * max(abs(middle), 1.0):
-        span = 0.1 * abs(middle) if abs(middle) > CONSTANT else 1.0
+    if span <= CONSTANT_RANGE * max(abs(middle), 1.0):
+        span = 0.1 * abs(middle) if abs(middle) > CONSTANT_RANGE else 1.0
     step = tick_step(span) / 2
     low, high = min(low, middle - span / 2), max(high, middle + span / 2)
     margin = 0.04 * span

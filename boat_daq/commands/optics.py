@@ -250,10 +250,11 @@ def _trace_lines(traced: ToleratedTrace, state: int) -> tuple[str, ...]:
     outcome, rays = traced.result, traced.light.rays
     error = f"{traced.error:.2g} rays of {PAPER_RAYS}"
     count = f"NDR {_with_sd(outcome.ndr, outcome.ndr_sd, 1)} of 250"
+    k = " (k = 1)" if math.isfinite(outcome.power_sd) else ", errors unknown with a single ray"
     if outcome.granted > rays:
         count, error = f"{outcome.ledger['detected']} detected rays", f"{traced.error / PAPER_RAYS:.2g} of the power"
     return (
-        f"state {state}: {count}, power {_with_sd(outcome.power, outcome.power_sd, 4)} (k = 1), {outcome.hits} hits",
+        f"state {state}: {count}, power {_with_sd(outcome.power, outcome.power_sd, 4)}{k}, {outcome.hits} hits",
         *([f"error (k = 2): {error}, with {rays} rays from the emitter"] if math.isfinite(traced.error) else []),
         "rays: " + ", ".join(f"{name} {count}" for name, count in outcome.ledger.items()),
         "power: " + ", ".join(f"{name} {part:.4f}" for name, part in outcome.energy.items()),

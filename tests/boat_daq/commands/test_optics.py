@@ -60,6 +60,13 @@ def test_trace_turns_the_fan_and_drops_the_faintest(tmp_path: Path) -> None:
     assert every[0]["power"] == pytest.approx(every[1]["power"], abs=0.05)
 
 
+def test_a_single_ray_has_no_error_of_zero() -> None:
+    """What was not measured is named, not left out."""
+    shown = CliRunner().invoke(app, ["optics", "trace", "--rays", "1"]).stdout
+    assert "errors unknown with a single ray" in shown
+    assert "(k = " not in shown
+
+
 def test_a_count_of_reflected_parts_is_not_given_as_rays_of_250() -> None:
     """With more secondaries than rays the text gives power, and why the count is no measure."""
     result = CliRunner().invoke(app, ["optics", "trace", "--rays", "10", "--secondary", "5000"])

@@ -41,6 +41,7 @@ def share(qtbot) -> float:
 def test_camera_in_the_window(qtbot, filmed_board, capsys):
     """Live page at 1280 x 800 with the tab Camera in front: closed, then open; each frame from arrival to its paint."""
     from boat_daq.gui.app import make_application, make_window
+    from boat_daq.gui.live.readings_panel import BY_CAMERA
 
     port, address = filmed_board
     make_application()
@@ -52,7 +53,8 @@ def test_camera_in_the_window(qtbot, filmed_board, capsys):
     model.shadow.prepare = lambda: None
     model.connection.connect(port)
     qtbot.waitUntil(model.live.has_data, timeout=30_000)
-    window.live.show_camera()
+    window.live.pane.setCurrentWidget(window.live.readings)
+    window.live.readings.choose(BY_CAMERA)
     qtbot.wait(length(3000, 100))
     without = share(qtbot)
     panel.source.setText(address)

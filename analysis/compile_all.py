@@ -17,18 +17,14 @@ from protocol.base.whole_file import write_whole
 
 _DONE = "complete"
 _HERE = Path(__file__).parent
-_ALONE = ("calibration/inverse.py", "segmentation/cycles.py")  # compiled functions outside `PACKAGES`
+_ALONE = ("segmentation/cycles.py",)  # compiled functions outside `PACKAGES`
 
 
 def compile_calibration() -> None:
-    """Invert a curve, and find the turning points of a pressure."""
-    from analysis.calibration.fit import fit_calibration
-    from analysis.calibration.inverse import Inverse
+    """Find the turning points of a pressure."""
     from analysis.segmentation.cycles import turning_points
 
-    x = np.arange(6.0)
-    Inverse.of(fit_calibration(x, 2.0 * x)).evaluate(np.array([3.0]))
-    turning_points(np.sin(x), 0.1)
+    turning_points(np.sin(np.arange(6.0)), 0.1)
 
 
 def compile_optics() -> None:
@@ -83,7 +79,7 @@ def compile_all(*, notify: Callable[[str], None] | None = None) -> bool:
     """
     if is_complete():
         return False
-    for name in ("optics.tracer.simulation", "shadow.fem.problem", "calibration.inverse", "segmentation.cycles"):
+    for name in ("optics.tracer.simulation", "shadow.fem.problem", "segmentation.cycles"):
         import_module(f"analysis.{name}")
     expect_all()
     for name, step in COMPILE_STEPS.items():

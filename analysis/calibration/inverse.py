@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,13 +20,13 @@ from numpy.polynomial import legendre, polynomial
 from analysis.calibration.adequacy import expanded
 from analysis.calibration.fit import Calibration
 from analysis.calibration.type_b import TypeBContribution, reference_terms
-from analysis.compiled import compiled
 from protocol.base.arrays import BoolArray, FloatArray
 from protocol.base.errors import DataError, RequestError
 from protocol.base.uncertainty import COVERAGE_FACTOR
 
 NODES = 257
 U_NODES = 129
+_AT_ONCE = 1 << 14  # signals, whose intermediate results stay in the cache of the processor
 DISAGREEMENT_SIGMA = 4.0
 _LEVEL = 1e-100  # mV/mm; a curve may be level at its very end
 BEYOND_SIGMA = 2.0  # standard uncertainties beyond an end of the range, as it was read, that a value is given for
@@ -132,7 +131,10 @@ class Inverse:
     def __call__(self, signal: npt.ArrayLike, *, clamp: bool = False) -> FloatArray:
         """Return x for every signal, of any shape; NaN outside the range, or its end with `clamp`."""
         values = np.asarray(signal, dtype=np.float64)
-        u = _invert(np.ascontiguousarray(values).ravel(), self.starts, self.powers, self.nodes, clamp)
+        flat, u = values.ravel(), np.empty(values.size)
+        for first in range(0, flat.size, _AT_ONCE):
+            part = slice(first, first + _AT_ONCE)
+            u[part] = _invert(flat[part], self.starts, self.powers, self.nodes, clamp)
         low, half_width = self.x_range[0], 0.5 * (self.x_range[1] - self.x_range[0])
         return np.asarray(low + half_width + half_width * u.reshape(values.shape), dtype=np.float64)
 
@@ -317,53 +319,34 @@ class Fusion:
         return found
 
 
-@compiled
-def _invert(signal: Any, starts: Any, powers: Any, nodes: Any, clamp: bool) -> Any:  # pragma: no cover - compiled
-    """Solve p(u) = signal on -1..1 for every signal; `nodes` are p at equally spaced u, monotone."""
-    out = np.empty_like(signal)
-    count, pieces, degree = nodes.size, powers.shape[0], powers.shape[1] - 1
-    step = 2.0 / (count - 1)
+def _invert(signal: FloatArray, starts: FloatArray, powers: FloatArray, nodes: FloatArray, clamp: bool) -> FloatArray:
+    """Solve p(u) = signal on -1..1 for signals [n]; `nodes` are p at equally spaced u, monotone."""
     sign = 1.0 if nodes[-1] > nodes[0] else -1.0
-    first, last = sign * nodes[0], sign * nodes[-1]
-    rounding = 1e-13 * (last - first + abs(first))  # the ends themselves are inside, however they were computed
-    for i in range(signal.size):
-        y = sign * signal[i]
-        if not first - rounding <= y <= last + rounding:
-            out[i] = np.nan
-            if clamp and y < first:  # NaN compares false and stays NaN
-                out[i] = -1.0
-            elif clamp and y > last:
-                out[i] = 1.0
-            continue
-        low, high = 0, count - 1
-        while high - low > 1:
-            middle = (low + high) // 2
-            if sign * nodes[middle] <= y:
-                low = middle
-            else:
-                high = middle
-        a, b = -1.0 + low * step, -1.0 + high * step
-        u = a + step * (y - sign * nodes[low]) / (sign * (nodes[high] - nodes[low]))
-        for _ in range(60):
-            k = 0
-            while k + 1 < pieces and u >= starts[k + 1]:
-                k += 1
-            t = u - 0.5 * (starts[k] + starts[k + 1])
-            value, slope = powers[k, degree], 0.0
-            for j in range(degree - 1, -1, -1):
-                slope = slope * t + value
-                value = value * t + powers[k, j]
-            error = sign * value - y
-            if error > 0.0:
-                b = u
-            else:
-                a = u
-            following = u - error / (sign * slope) if slope != 0.0 else 0.5 * (a + b)
-            if not (a <= following <= b):
-                following = 0.5 * (a + b)
-            moved = abs(following - u)
-            u = following
-            if moved < 1e-8:  # Newton squares the error: the step just taken was the last that matters
-                break
-        out[i] = u
+    rising, y = sign * nodes, sign * signal
+    rounding = 1e-13 * (rising[-1] - rising[0] + abs(rising[0]))
+    inside = (rising[0] - rounding <= y) & (y <= rising[-1] + rounding)  # the ends, however they were computed
+    out = np.full(y.shape, np.nan)
+    if clamp:  # NaN compares false and stays NaN
+        out[~inside & (y < rising[0])], out[~inside & (y > rising[-1])] = -1.0, 1.0
+    at = np.flatnonzero(inside)
+    y, step = y[at], 2.0 / (nodes.size - 1)
+    low = np.clip(np.searchsorted(rising, y, "right") - 1, 0, nodes.size - 2)
+    a, b = -1.0 + low * step, -1.0 + (low + 1) * step
+    u = a + step * (y - rising[low]) / (rising[low + 1] - rising[low])
+    for _ in range(60):
+        if not at.size:
+            break
+        k = np.searchsorted(starts[1:-1], u, "right")
+        t = u - 0.5 * (starts[k] + starts[k + 1])
+        value, slope = powers[k, -1], np.zeros_like(u)
+        for j in range(powers.shape[1] - 2, -1, -1):
+            slope = slope * t + value
+            value = value * t + powers[k, j]
+        error = sign * value - y
+        a, b = np.where(error > 0.0, a, u), np.where(error > 0.0, u, b)
+        with np.errstate(divide="ignore", invalid="ignore"):  # a level curve: the middle is taken
+            newton = u - error / (sign * slope)
+        out[at] = following = np.where((a <= newton) & (newton <= b), newton, 0.5 * (a + b))
+        more = np.abs(following - u) >= 1e-8  # Newton squares the error: the step just taken was the last that matters
+        at, y, a, b, u = at[more], y[more], a[more], b[more], following[more]
     return out

@@ -12,21 +12,22 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from analysis.calibration.inverse import NODES, U_NODES, Fusion, Inverse, signal_at
 from analysis.calibration.record import CalibrationRecord, SensorRecord
 from analysis.calibration.type_b import contributions, traceability
-from analysis.calibration_export.run_record import calibration_record
-from analysis.figures.pipeline import Analysis
 from analysis.numbers import finite
 from analysis.warning import Warning
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import BoatDaqError, DataError, FileError
 from protocol.base.regular_file import read_regular
 from protocol.base.uncertainty import COVERAGE_FACTOR
+
+if TYPE_CHECKING:
+    from analysis.figures.pipeline import Analysis
 
 _FORMAT, _VERSION = "boat-daq calibration", 3  # 2 for signals in mV, 1 where every U is known too
 MOST_BYTES = 4_000_000
@@ -90,6 +91,8 @@ class CalibrationFile:
     @classmethod
     def of_run(cls, analysis: Analysis) -> CalibrationFile:
         """Return the file of the calibration of a run; raises as `of`."""
+        from analysis.calibration_export.run_record import calibration_record  # the whole analysis, 2 s of CPU
+
         return cls.of(calibration_record(analysis), u_elongation=analysis.u_elongation, warnings=analysis.warnings)
 
     @property

@@ -7,7 +7,7 @@ figure has no elongation.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,13 +16,14 @@ import pandas as pd
 from analysis.calibration_export.calibration_file import CalibrationFile
 from analysis.data.export import ConvertedElongation
 from analysis.data.recording import Recording
-from analysis.figures.pipeline import analyse
-from analysis.figures.sensor_analysis import Options
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError, RequestError
 from protocol.base.uncertainty import COVERAGE_FACTOR
 from protocol.base.units import in_a_name
 from protocol.recording import NOT_FOR_FIGURES, SampleFlag
+
+if TYPE_CHECKING:
+    from analysis.figures.sensor_analysis import Options
 
 
 def convert_signals(calibration: CalibrationFile, signal_mv: FloatArray, flags: npt.ArrayLike) -> ConvertedElongation:
@@ -43,6 +44,8 @@ def convert_recording(recording: Recording, calibration: CalibrationFile) -> Con
 
 def own_elongation(recording: Recording, options: Options, elongation: str | Path | None = None) -> ConvertedElongation:
     """Return the elongation of a calibration run's samples by its own calibration; readings from a CSV if given."""
+    from analysis.figures.pipeline import analyse
+
     measured = len(recording.readings) or recording.camera is not None or recording.meta.get("elongation_channel")
     if elongation is None and not measured:
         raise DataError("no elongation was read in this run", "Give a calibration of its unit.")

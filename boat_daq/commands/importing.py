@@ -138,7 +138,7 @@ def export(
 
     Example: boat-daq export run.boat --format csv --out run.csv
     """
-    from analysis import Options, load_recording
+    from analysis import load_recording
     from analysis.calibration_export.calibration_file import read_calibration
     from analysis.calibration_export.conversion import convert_recording, other_unit
     from analysis.data.export import export as write
@@ -154,6 +154,8 @@ def export(
             notify(remark)
         converted: ConvertedElongation | None = convert_recording(recording, found)
     else:
+        from analysis import Options
+
         options = Options(mcmc=False, type_b=stated_contributions(recording))
         converted, void = exported_elongation(recording, options, elongation)
         if void:

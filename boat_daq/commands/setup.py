@@ -10,7 +10,7 @@ import typer
 from boat_daq.commands.console import JsonOption, notify, present, progress_bar
 from boat_daq.commands.options import one_of
 
-_TEXTS = {"calibration": "the inverse of calibrations", "rays": "the ray tracer", "shadow": "the finite elements"}
+_TEXTS = {"calibration": "the search for cycles", "rays": "the ray tracer", "shadow": "the finite elements"}
 
 
 def setup(

@@ -100,9 +100,7 @@ class Conversion:
 def prepare(record: CalibrationRecord, units: UnitLibrary | None = None) -> Conversion:
     """Return the conversion by a calibration, all sensors fused; with `units` also the prediction of the signals."""
     fusion = record.fusion()
-    conversion = Conversion(fusion, live_prediction_of(units, record.unit, fusion) if units is not None else None)
-    conversion(np.zeros((1, len(fusion.inverses))))  # loads the machine code now, not in the first frame
-    return conversion
+    return Conversion(fusion, live_prediction_of(units, record.unit, fusion) if units is not None else None)
 
 
 def compile_conversion() -> bool:

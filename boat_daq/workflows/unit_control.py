@@ -186,7 +186,7 @@ def regulator_of(
     step_mv: float = 0.0,
     max_u_mm: float | None = None,
 ) -> Regulator:
-    """Return the regulator of a unit, ready to use: its code is compiled.
+    """Return the regulator of a unit.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ def test_it_compiles_each_step_once(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     first = CliRunner().invoke(app, ["setup", "--json"])
     assert taken == ["calibration", "rays", "shadow"]
     assert first.stderr.splitlines() == [
-        "compiling the inverse of calibrations",
+        "compiling the search for cycles",
         "compiling the ray tracer",
         "compiling the finite elements",
     ]
@@ -38,8 +38,8 @@ def test_files_of_another_date_are_compiled_again(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(compile_all, "COMPILE_STEPS", {"rays": lambda: None})
     assert compile_all.compile_all()
     assert compile_all.is_complete()
-    (tmp_path / "inverse.py").touch()
-    monkeypatch.setattr(compile_all, "_ALONE", (str(tmp_path / "inverse.py"),))
+    (tmp_path / "cycles.py").touch()
+    monkeypatch.setattr(compile_all, "_ALONE", (str(tmp_path / "cycles.py"),))
     assert not compile_all.is_complete()
 
 

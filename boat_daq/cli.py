@@ -142,6 +142,7 @@ class Root(TyperGroup):
         from boat_daq.engine.installation import address_of
 
         places = [("boat-daq COMMAND -h", "explains a command, with an example"), ("boat-daq GROUP", "lists a group")]
+        places.append(("boat-daq help tutorial", "shows a calibration step by step"))
         known = ((label, address_of(label)) for label in ("Documentation", "Issues"))
         places += [(label, address) for label, address in known if address]
         places.append(("Faults", "boat-daq bugreport --out report.zip packs what a report needs"))
@@ -155,6 +156,11 @@ class Root(TyperGroup):
             args = [*args[1:], "--help"] if args[1:] else ["--help"]
             if args == ["--help"]:
                 typer.echo(ctx.get_help())
+                raise typer.Exit
+            if args == ["tutorial", "--help"]:
+                from boat_daq.commands.examples import show_tutorial
+
+                show_tutorial()
                 raise typer.Exit
         elif name in self.commands.groups:
             formatter = ctx.make_formatter()

@@ -1,7 +1,8 @@
-"""`boat-daq examples`: the example recordings that come with the program."""
+"""`boat-daq examples` and `help tutorial`: the recordings and the tutorial that come with the program."""
 
 from __future__ import annotations
 
+import re
 import shutil
 from importlib import metadata
 from pathlib import Path
@@ -13,8 +14,6 @@ from boat_daq.commands.console import JsonOption, present
 from boat_daq.own_packages import ROOT
 from protocol.base.errors import RequestError, writing
 from protocol.base.whole_file import written_whole
-
-INSTALLED = "share/boat-daq/recordings/*"  # in the environment; beside the sources in a checkout and a bundle
 
 
 def examples(
@@ -38,17 +37,30 @@ def examples(
 
 
 def example_files() -> list[Path]:
-    """Return the example recordings and the file that describes them.
+    """Return the example recordings and the file that describes them; raises as `_shipped`."""
+    return _shipped("recordings/*", "share/boat-daq")
+
+
+def show_tutorial() -> None:
+    """Print the tutorial of the terminal; the name of a linked page is left without its address."""
+    from rich.console import Console
+    from rich.markdown import Markdown
+
+    page = _shipped("docs/tutorial/terminal.md", "share/doc/boat-daq")[0].read_text(encoding="utf-8")
+    Console().print(Markdown(re.sub(r"\[([^]]+)\]\([^)]+\)", r"\1", page)))
+
+
+def _shipped(pattern: str, below: str) -> list[Path]:
+    """Return files beside the sources, in a checkout or a bundle, else in a folder of the environment.
 
     Raises
     ------
     RequestError : they are not installed.
     """
-    beside = sorted((ROOT / "recordings").glob("*"))
-    if beside:
+    if beside := sorted(ROOT.glob(pattern)):
         return beside
     listed = metadata.files("boat-daq") or []
-    found = sorted(Path(str(file.locate())).resolve() for file in listed if file.match(INSTALLED))
+    found = sorted(Path(str(file.locate())).resolve() for file in listed if file.match(f"{below}/{pattern}"))
     if not found:
-        raise RequestError("the example recordings are not installed", "Install the program again.")
+        raise RequestError(f"{pattern} is not installed", "Install the program again.")
     return found

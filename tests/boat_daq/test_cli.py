@@ -134,6 +134,9 @@ def test_summaries_are_whole_in_the_help() -> None:
     assert {name: text for name, one in inner.items() if len(text := one.get_short_help_str(200)) > 60} == {}
     shown = program("-h").out
     assert shown == program("--help").out == program("help").out
+    tutorial = program("help", "tutorial").out
+    assert "boat-daq record --port out/board" in tutorial
+    assert ".md" not in tutorial
     lines = [line.split()[0] for line in shown.splitlines() if line.startswith("  ") and line.split()]
     assert lines.index("demo") < lines.index("gui")
     assert set(found) <= set(lines)

@@ -50,7 +50,7 @@ from boat_daq.viewmodels.results.runs import RunActions, RunsModel
 from boat_daq.viewmodels.settings_model import SettingsModel
 from boat_daq.workflows.acceptance import Lack, lacking
 from boat_daq.workflows.jobs import Job, JobRunner, prepare
-from boat_daq.workflows.live_conversion import compile_conversion, compile_rest
+from boat_daq.workflows.live_conversion import compile_rest, lacks_code
 from boat_daq.workflows.run_analysis import load_analysis
 from protocol.base.units import ShownUnits
 
@@ -133,13 +133,10 @@ class AppModel:
         self.calibration.fidelity = self.repeatability.fidelity = self.runs.fidelity = chosen
 
     def compile_ahead(self) -> None:
-        """Compile what is not in the cache in helper processes; the live conversion waits for its own part."""
-        self.unit.hold()
-        job = Job("Preparing the live elongation", compile_conversion)
-        self.jobs.start("conversion code", job, self._conversion_compiled)
+        """Compile what is not in the cache in helper processes."""
+        self.jobs.start("missing code", Job("Looking for compiled code", lacks_code), self._compile_missing)
 
-    def _conversion_compiled(self, job: Job) -> None:
-        self.unit.release()
+    def _compile_missing(self, job: Job) -> None:
         if job.result:
             compile_once = Job("Compiling once", compile_rest)
             compile_once.counts = "functions"

@@ -1,7 +1,7 @@
 """The live conversion from signals to elongation, by the calibration in force of a unit.
 
-The stored points are fitted again, so that the live conversion is exactly the accepted calibration. Its machine code is
-compiled in a helper process (`compile_conversion`), as all other is: nothing compiles in the window's own.
+The stored points are fitted again, so that the live conversion is exactly the accepted calibration.
+Machine code is compiled in helper processes: nothing compiles in the window's own.
 """
 
 from __future__ import annotations
@@ -103,14 +103,11 @@ def prepare(record: CalibrationRecord, units: UnitLibrary | None = None) -> Conv
     return Conversion(fusion, live_prediction_of(units, record.unit, fusion) if units is not None else None)
 
 
-def compile_conversion() -> bool:
-    """Compile what the live conversion needs, unless all is in the cache; return whether it was not."""
-    from analysis.compile_all import compile_calibration, is_complete
+def lacks_code() -> bool:
+    """Return whether machine code is missing in the cache."""
+    from analysis.compile_all import is_complete
 
-    missing = not is_complete()
-    if missing:
-        compile_calibration()
-    return missing
+    return not is_complete()
 
 
 def compile_rest(progress: Progress | None = None) -> None:

@@ -1,7 +1,6 @@
 """The live conversion from signals to elongation, by the calibration of the unit on the bench.
 
-It is prepared on a helper thread: the analysis takes a moment to load, which must not delay the window. Its machine
-code is compiled by a helper process before (`AppModel.compile_ahead`), and only loaded here.
+It is prepared on a helper thread: the analysis takes a moment to load, which must not delay the window.
 """
 
 from __future__ import annotations
@@ -18,7 +17,6 @@ from boat_daq.workflows.calibration_in_force import newest_calibration
 from boat_daq.workflows.jobs import Background
 from boat_daq.workflows.live_conversion import Conversion, prepare
 from boat_daq.workflows.unit_control import regulator_of
-from protocol.base.errors import RequestError
 
 _LASTING_S = 3.0
 _EVERY_S = 0.5
@@ -47,7 +45,6 @@ class UnitInUse:
         self.preparation: Background[Conversion] = Background("calibration")
         self.conversion: Conversion | None = None
         self._record: CalibrationRecord | None = None
-        self._held: list[tuple[CalibrationRecord, UnitLibrary | None]] | None = None  # None: nothing waits
         self._followed = ("", False, 0)  # name, whether simulated, revision of the library
 
     def name(self, snapshot: SessionSnapshot) -> str:
@@ -86,30 +83,11 @@ class UnitInUse:
         self._record = record
         self._live.inverse = self.conversion = self._live.prediction = None
         self.preparation.pending.clear()  # of another calibration
-        if self._held is not None:
-            self._held = [(record, units)] if record is not None else []
-        elif record is not None:
-            self.preparation.call(prepare, record, units)
-
-    @property
-    def held(self) -> bool:
-        """Whether no conversion is prepared yet."""
-        return self._held is not None
-
-    def hold(self) -> None:
-        """Prepare no conversion until `release`: its machine code is being compiled in a helper process."""
-        self._held = []
-
-    def release(self) -> None:
-        """Prepare the conversion that was waiting."""
-        held, self._held = self._held or [], None
-        for record, units in held:
+        if record is not None:
             self.preparation.call(prepare, record, units)
 
     def regulator(self, snapshot: SessionSnapshot, step_mv: float) -> Regulator:
         """Return the regulator of the unit on the bench; `step_mv` is the signal of one count."""
-        if self.held:
-            raise RequestError("the control is being compiled, at the first start only", "Try again in some seconds.")
         fusion = self.conversion.fusion if self.conversion is not None else None
         units = self._units.of(simulated=snapshot.simulated)
         return regulator_of(units, self.name(snapshot), fusion=fusion, step_mv=step_mv)

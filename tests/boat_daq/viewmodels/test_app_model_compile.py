@@ -9,16 +9,15 @@ from boat_daq.engine.settings import Settings, UnitLibrary
 from boat_daq.viewmodels import app_model
 from boat_daq.viewmodels.app_model import AppModel
 from boat_daq.workflows.jobs import JobState
-from boat_daq.workflows.live_conversion import compile_conversion, compile_rest
-from protocol.base.errors import RequestError
+from boat_daq.workflows.live_conversion import compile_rest, lacks_code
 
 
 @pytest.mark.parametrize(
     ("ended", "missing", "then"),
     [(JobState.DONE, True, [compile_rest]), (JobState.DONE, False, []), (JobState.CANCELLED, None, [])],
 )
-def test_the_conversion_is_compiled_first_and_then_released(tmp_path, monkeypatch, ended, missing, then):
-    """It is held back until its job has ended, however it ended; the rest follows where it is not in the cache."""
+def test_what_is_missing_is_compiled(tmp_path, monkeypatch, ended, missing, then):
+    """Only where code is not in the cache, which a job looks up."""
     started = []
 
     class NamedJob:
@@ -37,14 +36,10 @@ def test_the_conversion_is_compiled_first_and_then_released(tmp_path, monkeypatc
     model = AppModel(session, tmp_path, tmp_path, UnitLibrary(tmp_path))
     model.compile_ahead()
     model.jobs.poll()
-    assert started == [compile_conversion]
-    assert model.unit.held
-    with pytest.raises(RequestError, match="being compiled"):
-        model.unit.regulator(session.snapshot(), 1.0)
-    job = model.jobs.get("conversion code")
+    assert started == [lacks_code]
+    job = model.jobs.get("missing code")
     job.state, job.result = ended, missing
     model.jobs.poll()
-    assert started == [compile_conversion, *then]
-    assert not model.unit.held
+    assert started == [lacks_code, *then]
     model.jobs.close()
     session.close()

@@ -94,28 +94,3 @@ def test_range_end_is_read_and_marked_and_stated_contributions_widen_it(result):
     wider = prepare(record_of(stated))(end)
     both = np.hypot(found.expanded_mm, 2 * 0.02 * found.mm)
     np.testing.assert_allclose(wider.expanded_mm, both, rtol=0.02)
-
-
-def test_conversion_waits_for_its_machine_code(result):
-    """Nothing is prepared in the window's process before `release`, then that of the latest calibration only."""
-    unit = UnitInUse(None, None, LiveModel(lambda: None))
-    unit.hold()
-    for _ in range(2):
-        unit.use(CalibrationRecord(tuple(s.record for s in result.sensors), simulated=True))
-    assert not unit.preparation.pending
-    unit.release()
-    assert len(unit.preparation.pending) == 1
-    until(unit.preparation.pending[0].done)
-    assert unit.preparation.take() is not None
-    unit.close()
-
-
-def test_nothing_is_prepared_for_a_calibration_that_is_gone(result):
-    """The unit was changed while the machine code was compiled."""
-    unit = UnitInUse(None, None, LiveModel(lambda: None))
-    unit.hold()
-    unit.use(CalibrationRecord(tuple(s.record for s in result.sensors), simulated=True))
-    unit.use(None)
-    unit.release()
-    assert not unit.preparation.pending
-    unit.close()

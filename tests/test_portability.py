@@ -33,7 +33,7 @@ GUARDED = {  # each module that uses one, and what it does on Windows
     "boat_daq/engine/plugins.py": "kills the plugin's process alone",
     "boat_daq/engine/qualification/drills.py": "leaves the drill out",
     "boat_daq/engine/qualification/result.py": "asks Python for processor and disk",
-    "boat_daq/engine/recording/writer_lock.py": "locks by msvcrt",
+    "protocol/recording/writer_lock.py": "locks by msvcrt",
     "boat_daq/engine/screen.py": "needs no display server",
     "boat_daq/engine/simulator/server.py": "refuses a pseudo-terminal, and serves TCP",
     "boat_daq/workflows/jobs.py": "sets the priority class",

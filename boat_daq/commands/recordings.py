@@ -38,7 +38,10 @@ def recover(
     }
     result = results.get(recovery.status, f"the recording is {recovery.status}; nothing to do")
     text = f"{result} ({recovery.samples} samples, {recovery.chunks} chunks)"
-    lines = (*(f"  {line}" for line in recovery.damaged), *(f"  missing: {line}" for line in recovery.missing.lines()))
+    lines = [*(f"  {line}" for line in recovery.damaged), *(f"  missing: {line}" for line in recovery.missing.lines())]
+    if recovery.log in ("unproven", "absent") and recovery.missing_pages is None:
+        lines.append(f"  the end cannot be proven: {file.name}-wal and {file.name}-shm belong to an unclosed recording")
+    lines += [f"  kept unchanged: {path}" for path in recovery.kept]
     present(recovery, text, *lines, as_json=as_json)
 
 

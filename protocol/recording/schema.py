@@ -28,6 +28,7 @@ import numpy as np
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import RecordingError, damaged
 from protocol.recording import checks
+from protocol.recording.writer_lock import is_being_written
 
 APPLICATION_ID = 0x424F4154  # "BOAT": SQLite's `application_id`, by which `file` and boat-daq identify a recording
 SCHEMA_VERSION = 2  # SQLite's `user_version`
@@ -243,6 +244,7 @@ ADDED: dict[int, tuple[tuple[str, str, str], ...]] = {
 }
 LONG_TABLES = ("chunk", "block", "health")  # their values are checked only where they are read whole
 
+_LOG_HEADER_BYTES = 32
 _HEADER: Final = struct.Struct(">16s44xI4xI28x")  # magic, user_version, application_id of SQLite's 100-byte header
 
 
@@ -257,9 +259,10 @@ def open_recording(path: Path | str) -> sqlite3.Connection:
     version = layout_version(path)
     if version >= SCHEMA_BREAK:
         raise RecordingError(f"{path} has layout {version}, this program reads {SCHEMA_VERSION}", "Update boat-daq.")
-    uri = f"{path.absolute().as_uri()}?mode=ro"
     try:
-        connection = sqlite3.connect(uri, uri=True, isolation_level=None, check_same_thread=False, timeout=5.0)
+        connection = sqlite3.connect(
+            _read_only_uri(path), uri=True, isolation_level=None, check_same_thread=False, timeout=5.0
+        )
     except sqlite3.Error as error:
         raise RecordingError(f"{path} cannot be opened: {error}", "Copy it to a folder that can be written.") from error
     try:
@@ -277,12 +280,22 @@ def open_recording(path: Path | str) -> sqlite3.Connection:
     return connection
 
 
+def _read_only_uri(path: Path) -> str:
+    """Return how SQLite opens a file without changing the -shm of a killed program: recovery compares it with -wal."""
+    log, shared = (path.with_name(path.name + suffix) for suffix in ("-wal", "-shm"))
+    only_header = log.is_file() and log.stat().st_size == _LOG_HEADER_BYTES  # SQLite cannot read such a one so
+    kept = shared.is_file() and not only_header and not is_being_written(path)
+    return f"{path.absolute().as_uri()}?mode=ro" + ("&readonly_shm=1" if kept else "")
+
+
 def _unreadable(path: Path, error: Exception) -> RecordingError:
     """Return the error for a recording that SQLite cannot read."""
     log, journal = (path.with_name(path.name + suffix) for suffix in ("-wal", "-journal"))
     if log.exists() and not os.access(path.parent, os.W_OK):
         cause = f"{path} was not closed, and its log cannot be read in a read-only folder"
-        return RecordingError(cause, f"Copy it and {log.name} into a writable folder, and recover it there.")
+        return RecordingError(
+            cause, f"Copy it with {log.name} and {path.name}-shm into a writable folder, and recover it there."
+        )
     if journal.exists():
         return damaged(path, "was left in the middle of a change")
     return damaged(path, f"cannot be read: {error}")

@@ -24,11 +24,11 @@ from typing import Any, TypeAlias
 from boat_daq import __version__
 from boat_daq.engine.file_names import check_file_name
 from boat_daq.engine.recording.disk_space import SPACE_FLOOR_BYTES
-from boat_daq.engine.recording.write_ahead_log import has_damaged_log
-from boat_daq.engine.recording.writer_lock import WriterLock
+from boat_daq.engine.recording.write_ahead_log import fault_of_log
 from protocol.base.errors import RequestError, StorageError
 from protocol.recording import open_recording, refuse_newer, schema
 from protocol.recording.checks import harden
+from protocol.recording.writer_lock import WriterLock, is_being_written
 
 Statement: TypeAlias = tuple[str, tuple[Any, ...]]
 _LOCKED = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)
@@ -97,7 +97,7 @@ class RecordingFile:
     @classmethod
     def reopen(cls, path: Path, *, resume: bool = False) -> RecordingFile:
         """Open an existing, closed recording to add to it; to `resume` it, with its log on."""
-        if has_damaged_log(path):  # SQLite would remove it
+        if not is_being_written(path) and fault_of_log(path):  # SQLite would remove it
             raise StorageError(
                 f"{path} has a damaged log", "Recover the recording.", command=f"boat-daq recover {path}"
             )
@@ -212,6 +212,11 @@ def _lay_out(connection: sqlite3.Connection, meta: Mapping[str, Any]) -> None:
     connection.execute("COMMIT")
     connection.execute(f"PRAGMA user_version={schema.SCHEMA_VERSION}")
     _into_wal(connection)
+    named = set_meta({"uuid": values["uuid"]})  # in the log, too, to show whose it is
+    connection.execute("BEGIN")  # SQLite does not write an equal value without a deletion
+    for sql, row in [("DELETE FROM session WHERE key = 'uuid'", ()), *named]:
+        connection.execute(sql, row)
+    connection.execute("COMMIT")
 
 
 def _connect(path: Path) -> sqlite3.Connection:

@@ -1,17 +1,19 @@
 """Recover what a killed session or a bad disk left: close it properly, or save elsewhere what is readable.
 
-Rules: a recording that a living program writes is left alone. The log is checked first, frame by frame, because SQLite
-ignores all behind a damaged one; then the file, read-only. A sound file is closed in place. A damaged one is never
-touched (`salvage`): a new file beside it gets what can be read, and says what is missing.
+Rules: a recording that a living program writes is left alone. The log is checked first: against -shm, which says how
+much of which log was committed, and frame by frame, because SQLite ignores all behind a damaged one; then the file,
+read-only. A sound file with its whole log is closed in place. Else file and log are never touched (`salvage`): a new
+file beside them gets what can be read, and says what is missing.
 """
 
 from __future__ import annotations
 
 import os
+import shutil
 import sqlite3
 from collections.abc import Iterator
 from contextlib import closing, suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -19,18 +21,20 @@ from typing import Any
 import numpy as np
 
 from boat_daq.engine.recording.file import RecordingFile, Statement, set_meta, storage_error
-from boat_daq.engine.recording.missing import Missing, missing_of
+from boat_daq.engine.recording.missing import UNREAD, Hole, Missing, missing_of
 from boat_daq.engine.recording.rows import INSERT_EVENT, OverviewRows
 from boat_daq.engine.recording.salvage.salvaged_file import Progress, fault_of, open_damaged, salvage
-from boat_daq.engine.recording.write_ahead_log import WriteAheadLog, read_log
-from boat_daq.engine.recording.writer_lock import WriterLock, is_being_written
+from boat_daq.engine.recording.write_ahead_log import LogCheck, LogState, WriteAheadLog, check_log, read_log
 from boat_daq.engine.sample_columns import mv_per_count
 from protocol.base.errors import DamagedRecordingError, RecordingError, StorageError
 from protocol.recording import schema
 from protocol.recording.checks import DAMAGE, harden
+from protocol.recording.writer_lock import WriterLock, is_being_written
 
 _ROWS = 1_000  # between two reports of progress
 _NAMES_ANOTHER = bytes.fromhex("d9d505f920a163d7")  # how a journal ends that belongs to a change of several files
+
+_OTHERS_LOG = LogCheck(LogState.FOREIGN, None, end_known=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +47,9 @@ class Recovery:
     chunks: int
     damaged: tuple[str, ...] = ()
     missing: Missing = field(default_factory=Missing)
+    log: LogState = LogState.NONE
+    missing_pages: int | None = 0  # of the log; None where it is unknown how many
+    kept: tuple[Path, ...] = ()  # the originals, where anything is or may be missing
 
 
 def find_interrupted(folder: Path) -> list[Path]:
@@ -55,36 +62,95 @@ def recover(path: Path, *, progress: Progress | None = None) -> Recovery:
     if is_being_written(path):
         raise StorageError(f"{path} is being written by another program", "Close it there first.")
     log = read_log(path)
-    if log is not None and log.damage:
-        return _salvage(path, log, log.damage, progress)
+    if not path.exists():
+        schema.refuse_newer(path)
+    checked = check_log(path, log)  # before SQLite opens the file, which changes -shm
+    if log is not None and not log.damage and checked.state in (LogState.WHOLE, LogState.UNPROVEN):
+        checked = _OTHERS_LOG if _completes_another(path) else checked
+    fault = [text] if (text := checked.fault(path.name)) else []
+    if fault or (log is not None and log.damage):
+        used = None if checked.state is LogState.FOREIGN or not checked.usable else log
+        return _salvage(path, used, [*fault, *([] if used is None else used.damage)], progress, checked)
     schema.refuse_newer(path)
     _roll_back(path)
     faults, structural = _check(path, progress)
+    if structural and log is not None and log.committed() and _is_sound_alone(path):
+        return _salvage(path, None, [_OTHERS_LOG.fault(path.name)], progress, _OTHERS_LOG)
     if structural:
-        return _salvage(path, log, faults, progress)
+        return _salvage(path, log, faults, progress, checked)
     with closing(schema.open_recording(path)) as db:
         meta = schema.read_session(db)
         counts = _counts(db)
     status = meta["status"]
     if faults and (status == "recording" or any("block" in fault for fault in faults)):
-        return _salvage(path, log, faults, progress, end_known=True)
+        return _salvage(path, log, faults, progress, replace(checked, end_known=checked.missing == 0))
     del log  # Windows cannot remove a mapped file
+    kept: tuple[Path, ...] = ()
     if status == "recording":
-        _close_in_place(path)
+        if checked.state is LogState.ABSENT:
+            kept = (_copy_unclosed(path),)
+        meta |= _close_in_place(path, end_known=checked.missing == 0)
         status = "recovered"
     elif path.with_name(path.name + "-wal").exists():  # its log is left
         RecordingFile.reopen(path).close()
-    return Recovery(status, path, *counts, tuple(faults), missing_of(meta))
+    elif checked.state is LogState.ABSENT:
+        checked = LogCheck(LogState.NONE)
+    return Recovery(status, path, *counts, tuple(faults), missing_of(meta), checked.state, checked.missing, kept)
 
 
 def _salvage(
-    path: Path, log: WriteAheadLog | None, faults: list[str], progress: Progress | None, *, end_known: bool = False
+    path: Path, log: WriteAheadLog | None, faults: list[str], progress: Progress | None, checked: LogCheck
 ) -> Recovery:
-    target, lost, missing = salvage(path, log, end_known=end_known, progress=progress)
+    target, lost, missing = salvage(path, log, end_known=checked.end_known, progress=progress)
     _close_in_place(target)
     with closing(schema.open_recording(target)) as copy:
         counts = _counts(copy)
-    return Recovery("salvaged", target, *counts, tuple(dict.fromkeys([*faults, *lost])), missing)
+    kept = tuple(file for file in (path, path.with_name(path.name + "-wal")) if file.exists() and file.stat().st_size)
+    damaged = tuple(dict.fromkeys([*faults, *lost]))
+    return Recovery("salvaged", target, *counts, damaged, missing, checked.state, checked.missing, kept)
+
+
+def _completes_another(path: Path) -> bool:
+    """Return whether a log, which is sound, makes another recording of this one."""
+    with suppress(RecordingError, *DAMAGE), closing(_open_alone(path)) as alone:
+        before = _marks(alone)
+        with closing(schema.open_recording(path)) as both:
+            return before != _marks(both, [key for key in before if isinstance(key, int)])
+    return False
+
+
+def _is_sound_alone(path: Path) -> bool:
+    with suppress(*DAMAGE), closing(_open_alone(path)) as alone:
+        return bool(alone.execute("PRAGMA quick_check(1)").fetchone() == ("ok",))
+    return False
+
+
+def _open_alone(path: Path) -> sqlite3.Connection:
+    """Open a file without its log."""
+    connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
+    harden(connection)
+    return connection
+
+
+def _marks(db: sqlite3.Connection, chunks: list[int] | None = None) -> dict[int | str, Any]:
+    """Return what never changes in a recording: its identifier, its first chunk and the last one of the file alone."""
+    if chunks is None:
+        chunks = [n for n in db.execute("SELECT min(id), max(id) FROM chunk").fetchone() if n is not None]
+    found: dict[int | str, Any] = dict(db.execute("SELECT key, value FROM session WHERE key = 'uuid'").fetchall())
+    sql = "SELECT host_ns, raw, crc32 FROM chunk WHERE id = ?"
+    return found | {number: db.execute(sql, (number,)).fetchone() for number in chunks}
+
+
+def _copy_unclosed(path: Path) -> Path:
+    """Keep a file as it is beside the one that is closed: its log, if it is found, completes only that."""
+    names = (path.with_name(f"{path.name}-unclosed{number or ''}") for number in range(1000))
+    target = next(name for name in names if not name.exists())
+    try:
+        shutil.copyfile(path, target)
+    except OSError as error:
+        target.unlink(missing_ok=True)
+        raise storage_error(target, error) from error
+    return target
 
 
 def _roll_back(path: Path) -> None:
@@ -166,11 +232,14 @@ def _counts(db: sqlite3.Connection) -> tuple[int, int]:
     return int(samples), int(chunks)
 
 
-def _close_in_place(path: Path) -> None:
-    """Complete the overview, mark the recording, and close it into one file."""
+def _close_in_place(path: Path, *, end_known: bool = True) -> dict[str, Any]:
+    """Complete the overview, mark the recording, and close it into one file. Return what is added to its session."""
+    added: dict[str, Any] = {}
     with closing(schema.open_recording(path)) as db:
         meta = schema.read_session(db)
-        statements = [*_missing_overview(db, meta), *_end(db, meta)]
+        if not end_known:
+            added["missing"] = asdict(Missing((_end_hole(db, meta),)))
+        statements = [*_missing_overview(db, meta), *_end(db, meta), *set_meta(added)]
     file = RecordingFile.reopen(path)
     try:
         file.commit(statements)
@@ -178,6 +247,15 @@ def _close_in_place(path: Path) -> None:
         file.abandon()
         raise
     file.close()
+    return added
+
+
+def _end_hole(db: sqlite3.Connection, meta: dict[str, Any]) -> Hole:
+    last = db.execute("SELECT segment, samples FROM block WHERE n > 0 ORDER BY id DESC LIMIT 1").fetchone()
+    if last is None:
+        return UNREAD
+    sample = np.frombuffer(last[1], schema.session_dtype(meta))[-1]
+    return Hole(last[0], int(sample["index"]), int(sample["time_us"]) / 1e6, None, None, None)
 
 
 def _missing_overview(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[Statement]:

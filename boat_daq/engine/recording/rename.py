@@ -12,9 +12,9 @@ from pathlib import Path
 from boat_daq.engine.file_names import path_in
 from boat_daq.engine.recording.file import RecordingFile, check_recording_name, storage_error
 from boat_daq.engine.recording.rows import INSERT_EVENT
-from boat_daq.engine.recording.writer_lock import WriterLock
 from protocol.base.errors import RequestError
 from protocol.recording import MARK_EVENT, NOTE_EVENT, open_recording, read_session
+from protocol.recording.writer_lock import WriterLock
 
 _BESIDE = (".elongation.csv",)  # what NAME.boat has beside it, after NAME
 NOTE_MOST = 2000  # letters

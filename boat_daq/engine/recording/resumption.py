@@ -24,10 +24,10 @@ from boat_daq.engine.recording.file import RecordingFile, now_utc, set_meta
 from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.rows import INSERT_EVENT, Counters
 from boat_daq.engine.recording.upgrade import upgrade
-from boat_daq.engine.recording.writer_lock import is_being_written
 from boat_daq.engine.snapshot import Reading
 from protocol.base.errors import RequestError, StorageError
 from protocol.recording import schema
+from protocol.recording.writer_lock import is_being_written
 
 RESUMED = "resumed after a break"  # reason of the segment behind it
 # what must be as it was, and its name in messages; only what a wrong unit, board or firmware changes

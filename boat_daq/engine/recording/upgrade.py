@@ -18,11 +18,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from boat_daq.engine.recording.file import storage_error
-from boat_daq.engine.recording.writer_lock import WriterLock
 from protocol.base.errors import RequestError, StorageError
 from protocol.base.whole_file import written_whole
 from protocol.recording import ADDED, SCHEMA_VERSION, layout_version, open_recording, read_session, refuse_newer
 from protocol.recording.checks import DAMAGE, columns_of, harden
+from protocol.recording.writer_lock import WriterLock
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,14 +26,14 @@ from numpy.typing import NDArray
 from boat_daq.engine.link.opening import open_link
 from boat_daq.engine.recording.missing import Missing, missing_of
 from boat_daq.engine.recording.rows import OverviewRows
-from boat_daq.engine.recording.write_ahead_log import read_log
-from boat_daq.engine.recording.writer_lock import is_being_written
+from boat_daq.engine.recording.write_ahead_log import fault_of_log
 from boat_daq.engine.sample_columns import mv_per_count
 from protocol.base.errors import ProfileError
 from protocol.link.bulk import decode_chunks
 from protocol.link.events import Link, SampleGap, Samples
 from protocol.recording import breaks_of, check_long_tables, open_recording, read_session, session_dtype
 from protocol.recording.checks import DAMAGE
+from protocol.recording.writer_lock import is_being_written
 
 Progress = Callable[[float, float], None]
 _PIECE = 20_000  # samples compared at once
@@ -93,12 +93,12 @@ def verify_recording(
     started = time.monotonic()
     tally = {"samples": 0, "chunks": 0, "results": 0}
     difference, missing = "", Missing()
-    log = None if is_being_written(path) else read_log(path)
+    fault = "" if is_being_written(path) else fault_of_log(path)
     with closing(open_recording(path)) as db:
         db.execute("BEGIN")  # one state of the file, whatever is recorded meanwhile
         try:
-            if log is not None and log.damage:
-                raise _Difference(f"{log.damage[0]}; what follows is not read without recovery")
+            if fault:
+                raise _Difference(fault)
             missing = missing_of(read_session(db))
             if not missing.whole:
                 raise _Difference(f"it was salvaged: {next(missing.lines())}")

@@ -1,11 +1,14 @@
-"""Read SQLite's write-ahead log beyond a damaged frame, which ends it for SQLite.
+"""Read SQLite's write-ahead log beyond a damaged frame, which ends it for SQLite, and tell whether it is whole.
 
-The format: sqlite.org/fileformat2.html#walformat. The checksum of a frame continues that of the frame before, which is
-stored in the latter's header. So each frame can be checked by itself, and what follows a damaged one is used.
+The formats: sqlite.org/fileformat2.html#walformat and sqlite.org/walformat.html. The checksum of a frame continues that
+of the frame before, which is stored in the latter's header. So each frame can be checked by itself, and what follows a
+damaged one is used.
 """
 
 from __future__ import annotations
 
+import enum
+import struct
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +22,8 @@ _MAGIC = 0x377F0682  # its last bit is set where the checksums are of big-endian
 _HEADER_BYTES, _FRAME_BYTES = 32, 24
 _OLDER = 1 << 20  # the first salt grows by one where the log begins again over its older frames
 _PAGE_SIZES = tuple(1 << power for power in range(9, 17))
+_INDEX_VERSION, _INDEX_HEADER = 3007000, 48
+_RESTARTS = 64  # of the log, between what a computer that lost its power had kept of -shm and of -wal
 
 Words = NDArray[np.uint32]
 
@@ -31,15 +36,17 @@ class WriteAheadLog:
     pages: IntArray  # number of the page in each frame
     sizes: IntArray  # pages of the database after a commit, 0 in a frame that ends none
     valid: BoolArray
+    sound: BoolArray  # valid, with a header that is intact, without which SQLite reads no further
     unproven: BoolArray  # not valid where nothing but the header of the frame before may be damaged
     header_valid: bool
+    salts: tuple[int, int] | None  # None where no frame tells
     older: NDArray[np.uint8]  # verified frames of before, whose pages went into the database
 
     @property
     def damage(self) -> list[str]:
         """What a killed program does not leave; empty for a sound log."""
         found = [] if self.header_valid or not len(self.frames) else ["the header of the log is damaged"]
-        return found + [f"frame {k + 1} of the log cannot be verified" for k in np.flatnonzero(~self.valid)]
+        return found + [f"frame {k + 1} of the log cannot be verified" for k in np.flatnonzero(~self.sound)]
 
     @property
     def first_behind_damage(self) -> int:
@@ -102,21 +109,122 @@ def read_log(database: Path) -> WriteAheadLog | None:
     heads = frames[:, :_FRAME_BYTES].copy().view(">u4").astype(np.int64).reshape(n, 6)
     seeds = np.concatenate([head[None, 6:], heads[:-1, 4:]]).astype(np.uint32)[:n]
     orders = (order,) if header_valid else ("<u4", ">u4")
-    ok = max((_verified(frames, heads, seeds, order) for order in orders), key=np.count_nonzero)
+    verified = (_verified(frames, heads, seeds, order) for order in orders)
+    ok, proven = max(verified, key=lambda found: np.count_nonzero(found[0]))
     salts = head[4:6] if header_valid else _first_salts(heads, ok)
     n = _current(heads, salts)
     n -= _never_committed(heads[:n], salts, ok[:n])
     behind = np.concatenate([[not header_valid], ~ok[:-1]])[: len(ok)]
+    sound = ok & ~proven & (heads[:, 2:4] == salts).all(axis=1)
     unproven = ~ok & behind & (heads[:, 2:4] == salts).all(axis=1)
+    known = None if salts[0] < 0 else (int(salts[0]), int(salts[1]))
     return WriteAheadLog(
-        frames[:n], heads[:n, 0], heads[:n, 1], ok[:n], unproven[:n], bool(header_valid), frames[n:][ok[n:]]
+        frames[:n],
+        heads[:n, 0],
+        heads[:n, 1],
+        ok[:n],
+        sound[:n],
+        unproven[:n],
+        bool(header_valid),
+        known,
+        frames[n:][ok[n:]],
     )
 
 
-def has_damaged_log(database: Path) -> bool:
-    """Return whether SQLite would not read all of the log beside a database."""
+class LogState(enum.StrEnum):
+    """What the -shm and the database say of a log."""
+
+    NONE = "none"  # there is none, and none is needed
+    WHOLE = "whole"
+    UNPROVEN = "unproven"  # no -shm shows that it is whole
+    SHORT = "short"
+    ABSENT = "absent"
+    FOREIGN = "foreign"  # of another recording, or of another state of this one
+
+
+@dataclass(frozen=True, slots=True)
+class LogCheck:
+    """How much of a recording's log is there."""
+
+    state: LogState
+    missing: int | None = 0  # committed pages; None where it is unknown how many
+    usable: bool = True  # whether the database is not newer than the log
+    end_known: bool | None = None  # whether nothing is lost at the end; None where the rows tell
+
+    def fault(self, name: str) -> str:
+        """Return cause and remedy for the recording of this name; empty where nothing is known to be missing."""
+        count = "1 committed page is" if self.missing == 1 else f"{self.missing} committed pages are"
+        pages = f": {count} missing" if self.missing else ""
+        remedy = f"Put {name}-wal of this recording beside {name}, and recover {name} again."
+        if self.state is LogState.FOREIGN:
+            remedy = remedy if self.missing != 0 else "Move it elsewhere; none is needed."
+            return f"{name}-wal does not belong to {name}, and nothing of it is used{pages}. {remedy}"
+        if self.state is LogState.SHORT:
+            return f"{name}-wal is cut short{pages}. {remedy}"
+        if self.state is LogState.ABSENT and self.missing:
+            return f"{name}-wal is absent{pages}. {remedy}"
+        return ""
+
+
+def needs_log(database: Path) -> bool:
+    """Return whether a database was not closed into one file."""
+    with database.open("rb") as file:
+        return file.read(19)[18:] != b"\x01"
+
+
+def check_log(database: Path, log: WriteAheadLog | None) -> LogCheck:
+    """Compare a log with the -shm of the program that wrote it, before SQLite opens the database."""
+    committed = 0 if log is None else log.committed()
+    if not needs_log(database):
+        return LogCheck(LogState.FOREIGN, end_known=True) if committed else LogCheck(LogState.NONE)
+    index = _read_index(database)
+    if index is None:
+        return (
+            LogCheck(LogState.UNPROVEN, None, end_known=False)
+            if committed
+            else LogCheck(LogState.ABSENT, None, end_known=False)
+        )
+    frames, copied, salts = index
+    if log is not None and log.salts not in (None, salts):
+        restarts = (log.salts[0] - salts[0] + _RESTARTS) % (1 << 32) - _RESTARTS
+        if 0 < restarts <= _RESTARTS:  # the index is older: the computer lost its power
+            return LogCheck(LogState.UNPROVEN, None, end_known=False)
+        if restarts != -1 or frames:  # else the log is about to begin again, and all of it is in the database
+            return LogCheck(LogState.FOREIGN, frames - copied, end_known=frames == copied)
+    if committed >= frames or (log is None and copied >= frames):
+        return LogCheck(LogState.WHOLE if committed else LogState.NONE)
+    state = LogState.SHORT if log is not None else LogState.ABSENT
+    missing = frames - max(committed, copied)
+    return LogCheck(state, missing, committed >= copied, end_known=not missing)
+
+
+def _read_index(database: Path) -> tuple[int, int, tuple[int, int]] | None:
+    """Return how many frames were committed, how many of them are in the database, and the salts of the log.
+
+    None where there is no -shm that was written with a commit; a reader builds one from whatever log it finds.
+    """
+    path = database.with_name(database.name + "-shm")
+    if path.is_symlink() or not path.is_file():
+        return None
+    with path.open("rb") as file:
+        content = file.read(2 * _INDEX_HEADER + 4)
+    for start in (_INDEX_HEADER, 0):  # the second is written first
+        head = content[start : start + _INDEX_HEADER]
+        for order in "<>" if len(content) == 2 * _INDEX_HEADER + 4 else "":
+            version, _, change, *_ = words = struct.unpack(f"{order}12I", head)
+            summed = _checksums(np.frombuffer(head[:40], np.uint8)[None], f"{order}u4", np.zeros((1, 2), np.uint32))
+            if version == _INDEX_VERSION and change and head[12] == 1 and summed[0].tolist() == list(words[10:]):
+                (copied,) = struct.unpack(f"{order}I", content[-4:])
+                return words[4], min(copied, words[4]), struct.unpack(">2I", head[32:40])
+    return None
+
+
+def fault_of_log(database: Path) -> str:
+    """Return why SQLite would not read all of the log of a recording that no program writes; empty if it would."""
     log = read_log(database)
-    return log is not None and bool(log.damage)
+    if log is not None and log.damage:
+        return f"{log.damage[0]}; what follows is not read without recovery"
+    return check_log(database, log).fault(database.name) if database.is_file() else ""
 
 
 def page_size_of(database: Path) -> int:
@@ -127,8 +235,11 @@ def page_size_of(database: Path) -> int:
     return size if size in _PAGE_SIZES else 4096
 
 
-def _verified(frames: NDArray[np.uint8], heads: IntArray, seeds: Words, order: str) -> BoolArray:
-    """Return which frames match their checksum, by the stored one of the frame before, or by its computed one."""
+def _verified(frames: NDArray[np.uint8], heads: IntArray, seeds: Words, order: str) -> tuple[BoolArray, BoolArray]:
+    """Return which frames match their checksum, by the stored one of the frame before, or by its computed one.
+
+    And of which frames the stored checksum is damaged.
+    """
     stored = heads[:, 4:].astype(np.uint32)
     computed = np.empty_like(stored)
     for start in range(0, len(frames), 1000):
@@ -136,12 +247,13 @@ def _verified(frames: NDArray[np.uint8], heads: IntArray, seeds: Words, order: s
         summed = np.concatenate([frames[rows, :8], frames[rows, _FRAME_BYTES:]], axis=1)
         computed[rows] = _checksums(summed, order, seeds[rows])
     ok: BoolArray = (computed == stored).all(axis=1)
+    proven = np.zeros(len(ok), bool)
     for k in np.flatnonzero(~ok[:-1]):  # where only its stored checksum is damaged, the next frame proves it
         summed = np.concatenate([frames[k + 1, :8], frames[k + 1, _FRAME_BYTES:]])[None]
         if (_checksums(summed, order, computed[k : k + 1]) == stored[k + 1]).all():
-            ok[k : k + 2] = True
+            ok[k : k + 2], proven[k] = True, True
     ok &= heads[:, 0] > 0  # zeros match the checksum of zeros
-    return ok
+    return ok, proven
 
 
 def _checksums(content: NDArray[np.uint8], order: str, seeds: Words) -> Words:

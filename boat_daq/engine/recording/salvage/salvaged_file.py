@@ -25,7 +25,7 @@ from boat_daq.engine.recording.file import RecordingFile, Statement, set_meta, s
 from boat_daq.engine.recording.missing import Missing
 from boat_daq.engine.recording.salvage.derive_again import derive_missing
 from boat_daq.engine.recording.salvage.page_rows import Row, rows_of_page
-from boat_daq.engine.recording.write_ahead_log import WriteAheadLog, page_size_of
+from boat_daq.engine.recording.write_ahead_log import WriteAheadLog, needs_log, page_size_of
 from protocol.base.errors import RecordingError, RequestError
 from protocol.recording import schema
 from protocol.recording.checks import DAMAGE, bytes_of, harden, refuse_active, value_fits
@@ -39,20 +39,22 @@ _REBUILT = ("session", "overview")
 
 
 def salvage(
-    path: Path, log: WriteAheadLog | None, *, end_known: bool, progress: Progress | None
+    path: Path, log: WriteAheadLog | None, *, end_known: bool | None, progress: Progress | None
 ) -> tuple[Path, list[str], Missing]:
     """Copy all that can be read into a new file; return it, what could not be read, and what is missing.
 
     Parameters
     ----------
-    end_known : whether nothing can be lost at the end.
+    log : None where there is none, or none of it is used.
+    end_known : whether nothing can be lost at the end; None where the rows tell.
     """
     target = _free_name(path)
     copy = target.with_name(target.name + "-pages")
     try:
-        if log is not None:
+        alone = log is None and not needs_log(path) and not path.with_name(path.name + "-wal").exists()
+        if not alone:
             _write_pages(path, log, copy)
-        with closing(open_damaged(path if log is None else copy)) as db:
+        with closing(open_damaged(path if alone else copy)) as db:
             meta = schema.read_session(db)
             schema.session_dtype(meta)  # refuses a file whose bytes nothing describes
             file = RecordingFile.create(target, meta)
@@ -78,7 +80,7 @@ def _fill(
     path: Path,
     log: WriteAheadLog | None,
     meta: dict[str, Any],
-    end_known: bool,
+    end_known: bool | None,
     progress: Progress | None,
 ) -> tuple[list[str], Missing]:
     reader, dtype = _RowReader(db, bytes_of(path)), schema.session_dtype(meta)
@@ -94,7 +96,8 @@ def _fill(
     with closing(schema.open_recording(file.path)) as kept:
         found = _scattered(kept, pages, {table: _ids(kept, table) for table in tables}, dtype)
         _commit(file, ((_insertion(table, file.columns(table)), row) for table, row in found))
-        end_known = end_known or _reaches_end(db, kept, pages)
+        if end_known is None:
+            end_known = _reaches_end(db, kept, pages)
         statements, holes, blocks = derive_missing(kept, meta, end_known=end_known)
         file.commit(statements)
         rows = [(table, *gap) for table in tables if table != "block" for gap in _gaps(_ids(kept, table))]
@@ -133,10 +136,15 @@ def _reaches_end(db: sqlite3.Connection, kept: sqlite3.Connection, pages: _Pages
     return False
 
 
-def _write_pages(path: Path, log: WriteAheadLog, copy: Path) -> None:
+def _write_pages(path: Path, log: WriteAheadLog | None, copy: Path) -> None:
     """Write the database as the log completes it, without its log."""
-    size = log.frames.shape[1] - 24
     shutil.copyfile(path, copy)
+    if log is None:
+        with copy.open("r+b") as file:
+            file.seek(18)
+            file.write(b"\x01\x01")
+        return
+    size = log.frames.shape[1] - 24
     content = np.memmap(path, np.uint8, "r")
     database = content[: len(content) // size * size].reshape(-1, size)
     with copy.open("r+b") as file:

@@ -14,9 +14,9 @@ from boat_daq.engine.recording import recorder as recorder_module
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.verify import verify_recording
-from boat_daq.engine.recording.writer_lock import is_being_written
 from protocol.base.errors import StorageError
 from protocol.recording import RunEnd
+from protocol.recording.writer_lock import is_being_written
 from tests.boat_daq.engine.board_link import meta_of
 from tests.boat_daq.engine.recording_source import begin, rows, stored_samples
 

@@ -6,13 +6,12 @@ import sys
 
 import pytest
 
-from boat_daq.engine.recording import writer_lock
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.verify import verify_recording
-from boat_daq.engine.recording.writer_lock import WriterLock, is_being_written, lock_path
 from protocol.base.errors import RequestError, StorageError
-from protocol.recording import RunEnd, open_recording, read_session
+from protocol.recording import RunEnd, open_recording, read_session, writer_lock
+from protocol.recording.writer_lock import WriterLock, is_being_written, lock_path
 from protocol.simulator.board import VirtualBoard
 from tests.boat_daq.engine.board_link import meta_of, record_run
 from tests.boat_daq.engine.recording_source import rows

@@ -38,6 +38,7 @@ class Killed:
 
     database: bytes
     log: bytes
+    shared: bytes  # -shm
     samples: np.ndarray  # in order; their `index` counts from the first
     blocks: dict[int, list[set[int]]]  # id -> the pages in which each piece of its samples lies
     chunks: dict[int, list[set[int]]]  # host_ns -> the same of its raw bytes
@@ -57,12 +58,12 @@ def killed(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
             recorder.event("user", "mark", text="x" * 300)
         recorder(source.next(100_000 if request.param == "1 kHz" else 330_000))
         assert recorder.flush()
-    content = [(folder / name).read_bytes() for name in ("run.boat", "run.boat-wal")]
+    content = [(folder / name).read_bytes() for name in ("run.boat", "run.boat-wal", "run.boat-shm")]
     with closing(open_recording(folder / "run.boat")) as db:
         blocks = dict(db.execute("SELECT id, samples FROM block").fetchall())
         chunks = dict(db.execute("SELECT host_ns, raw FROM chunk").fetchall())
     recorder.close(RunEnd.STOPPED)
-    samples, pages = np.concatenate(source.samples), pages_of(*content)
+    samples, pages = np.concatenate(source.samples), pages_of(*content[:2])
     block_of = {int(i): n for n, blob in blocks.items() for i in np.frombuffer(blob, samples.dtype)["index"]}
     where = [{key: places(value, pages) for key, value in table.items()} for table in (blocks, chunks)]
     return Killed(*content, samples, *where, block_of)
@@ -74,11 +75,13 @@ def invoke(command: Callable[..., None], *arguments: str) -> Result:
     return CliRunner().invoke(app, list(arguments))
 
 
-def left(folder: Path, database: bytes, log: bytes) -> Path:
+def left(folder: Path, database: bytes, log: bytes, shared: bytes = b"") -> Path:
     for file in folder.iterdir():
         file.unlink()
     (folder / "run.boat").write_bytes(database)
     (folder / "run.boat-wal").write_bytes(log)
+    if shared:
+        (folder / "run.boat-shm").write_bytes(shared)
     return folder / "run.boat"
 
 
@@ -97,7 +100,7 @@ def places(content: bytes, pages: list[bytes]) -> list[set[int]]:
 
 def check(killed: Killed, folder: Path, database: bytes, log: bytes) -> Recovery | None:
     """Recover a damaged copy, and compare it with what was committed. None: refused, for the file's first pages."""
-    path = left(folder, database, log)
+    path = left(folder, database, log, killed.shared)
     try:
         recovery = recover(path)
     except RecordingError:
@@ -173,7 +176,7 @@ def damaged(killed: Killed, rng: random.Random) -> tuple[bytes, bytes]:
 @pytest.mark.fault(59, how="one page of the log of a killed recording zeroed", times=3)
 def test_one_zeroed_page_of_the_log_loses_no_committed_sample(killed: Killed, tmp_path: Path) -> None:
     """SQLite ignores all behind it: recovery reads on, in a copy, and the damaged files stay."""
-    log = zeroed(killed.log, len(killed.log) // 10 // PAGE * PAGE, PAGE)
+    log = zeroed(killed.log, len(killed.log) // 9 // PAGE * PAGE, PAGE)
     recovery = check(killed, tmp_path, killed.database, log)
     assert recovery is not None
     assert not recovery.missing.samples
@@ -217,6 +220,98 @@ def test_what_is_missing_is_said_by_every_reader(killed: Killed, tmp_path: Path)
     assert said in after
     assert after.splitlines()[0] != "identical"
     assert recover(target).missing == summarise(target).missing
+
+
+@pytest.mark.fault(59, how="salt or checksum of a frame of the log flipped", times=6)
+@pytest.mark.parametrize("at", [8, 16], ids=["salt", "checksum"])
+def test_header_of_a_frame_that_ends_the_log_for_sqlite_is_damage(killed: Killed, tmp_path: Path, at: int) -> None:
+    """Its page is intact, as the next frame proves: all is read, and the log is kept."""
+    recovery = check(killed, tmp_path, killed.database, flipped(killed.log, 32 + 5 * FRAME + at, random.Random(1)))
+    assert recovery is not None
+    assert (recovery.status, recovery.samples) == ("salvaged", len(killed.samples))
+    assert recovery.damaged == ("frame 6 of the log cannot be verified",)
+
+
+@pytest.fixture(scope="module")
+def others_log(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """The log of another recording of the same board."""
+    folder, source = tmp_path_factory.mktemp("other"), Source()
+    recorder = begin(folder / "run.boat", source)
+    for _ in range(5):
+        recorder(source.next(330_000))
+        assert recorder.flush()
+    log = (folder / "run.boat-wal").read_bytes()
+    recorder.close(RunEnd.STOPPED)
+    return log
+
+
+@pytest.mark.fault(59, how="the log of a killed recording cut, absent, or another's; with and without -shm", times=18)
+@pytest.mark.parametrize("shared", [True, False], ids=["with -shm", "without"])
+@pytest.mark.parametrize("kind", ["foreign", "absent", "short"])
+def test_log_that_is_not_whole_is_never_said_to_be(
+    killed: Killed, others_log: bytes, tmp_path: Path, kind: str, shared: bool
+) -> None:
+    """The -shm says which log was written, and how much of it; without one the end stays unknown."""
+    sound = read_log(left(tmp_path, killed.database, killed.log))
+    assert sound is not None
+    cut = killed.log[: 32 + len(sound.frames) // 2 * FRAME + 777]
+    log = {"foreign": others_log, "absent": b"", "short": cut}[kind]
+    path = left(tmp_path, killed.database, log, killed.shared if shared else b"")
+    if not log:
+        path.with_name("run.boat-wal").unlink()
+    if shared:
+        assert summarise(path).missing  # and reading leaves the -shm as it is
+    recovery = recover(path)
+    proven = shared or kind == "foreign"
+    assert recovery.log == (kind if proven or kind == "absent" else "unproven")
+    with closing(open_recording(recovery.path)) as db:
+        blobs = [blob for (blob,) in db.execute("SELECT samples FROM block ORDER BY id")]
+    stored = np.frombuffer(b"".join(blobs), killed.samples.dtype)
+    assert stored.tobytes() == killed.samples[: len(stored)].tobytes()
+    assert len(stored) < len(killed.samples)
+    (hole,) = recovery.missing.samples
+    assert (hole.after_index, hole.before_index) == (int(stored["index"][-1]) if len(stored) else None, None)
+    assert summarise(recovery.path).missing == recovery.missing
+    if proven:
+        assert recovery.status == "salvaged"
+        assert f"{path.name}-wal" in recovery.damaged[0]
+        assert not log or path.with_name("run.boat-wal").read_bytes() == log
+    if recovery.kept:
+        assert recovery.kept[0].read_bytes() == killed.database
+    else:
+        assert recovery.log == "unproven"
+    if shared and kind != "absent":
+        path.with_name("run.boat-wal").write_bytes(killed.log)  # found, and put beside the file: all is there
+        assert recover(path).samples == len(killed.samples)
+
+
+def test_log_that_begins_again_or_was_not_written_yet_is_no_damage(tmp_path: Path) -> None:
+    """Killed before the first sample, at a restart of the log, and without power, which leaves an older -shm."""
+    folder, source = tmp_path / "run", Source()
+    folder.mkdir()
+    recorder = begin(folder / "run.boat", source)
+
+    def now(name: str) -> bytes:
+        return (folder / name).read_bytes()
+
+    states = [[now("run.boat"), now("run.boat-wal"), now("run.boat-shm")]]
+    counts = [0]
+    for _ in range(3):
+        recorder(source.next(330_000))
+        assert recorder.flush()
+    older = now("run.boat-shm")
+    recorder._file._connection.execute("PRAGMA wal_checkpoint(RESTART)")
+    states.append([now("run.boat"), now("run.boat-wal"), now("run.boat-shm")])
+    counts.append(sum(map(len, source.samples)))
+    recorder(source.next(330_000))
+    assert recorder.flush()
+    states.append([now("run.boat"), now("run.boat-wal"), older])
+    counts.append(sum(map(len, source.samples)))
+    recorder.close(RunEnd.STOPPED)
+    (tmp_path / "left").mkdir()
+    found = [recover(left(tmp_path / "left", *state)) for state in states]
+    assert [(one.status, one.damaged, one.samples) for one in found] == [("recovered", (), count) for count in counts]
+    assert [one.log for one in found] == ["whole", "whole", "unproven"]
 
 
 def test_frame_that_a_killed_program_had_begun_is_no_damage(killed: Killed, tmp_path: Path) -> None:

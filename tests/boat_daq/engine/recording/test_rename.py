@@ -11,8 +11,8 @@ from analysis import load_recording
 from boat_daq.engine.recording.rename import add_note, companions, rename
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.verify import verify_recording
-from boat_daq.engine.recording.writer_lock import WriterLock
 from protocol.base.errors import RequestError, StorageError
+from protocol.recording.writer_lock import WriterLock
 
 SAMPLE = Path(__file__).parents[4] / "recordings" / "simulated_SA1_two_cycles.boat"
 

@@ -25,6 +25,7 @@ from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.simulator.server import BoardSettings, serve
 from boat_daq.engine.snapshot import LinkState
 from tests.benchmarks.lengths import length
+from tests.boat_daq.gui.windows import close_all
 
 RATE_HZ, CLIENTS = 10_000, 5
 SECONDS = float(os.environ.get("BOAT_LOAD_S", length("10", "1")))
@@ -125,7 +126,7 @@ def test_cost_of_outlets_beside_window_and_recorder(
         if inlet is not None:
             inlet.communicate("end\n", timeout=60)
         skipped = lsl.skipped if lsl else 0
-    window.leave()
+    close_all([window])
     summary = summarise(path)
     assert health is not None
     stream = ""

@@ -13,7 +13,7 @@ from analysis.shadow.fem.mesh import Mesh
 from analysis.shadow.fem.mesh_files import PARTS, from_meshio, read_mesh, to_meshio, write_state
 from analysis.shadow.fem.solver import Solution
 from analysis.shadow.model.full import FullModel
-from protocol.base.errors import FileError, RequestError
+from protocol.base.errors import FileError, RequestError, StorageError
 
 
 @pytest.mark.parametrize("kind", ["vtu", "msh"])
@@ -167,5 +167,5 @@ def test_unknown_formats_and_missing_folders_are_rejected(actuator: FullModel, t
     with pytest.raises(RequestError, match="vtk"):
         write(actuator, rest, tmp_path / "x.vtk", "vtk")
     for kind in ("vtu", "msh", "inp"):
-        with pytest.raises(FileError):
+        with pytest.raises(StorageError):
             write(actuator, rest, tmp_path / "none" / f"x.{kind}", kind)

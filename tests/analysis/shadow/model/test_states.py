@@ -20,7 +20,7 @@ from analysis.shadow.model.states import (
     kept_states,
     write_states,
 )
-from protocol.base.errors import FileError, RequestError
+from protocol.base.errors import RequestError, StorageError
 
 
 @pytest.fixture(scope="module")
@@ -101,5 +101,5 @@ def test_states_that_cannot_be(actuator: FullModel, states: GuideStates, tmp_pat
         guide_states(actuator, lowest_kpa=10.0)
     with pytest.raises(RequestError, match="critical pressure"):
         guide_states(actuator, lowest_kpa=-60.0)
-    with pytest.raises(FileError):
+    with pytest.raises(StorageError):
         write_states(states, tmp_path / "none" / "curves.csv")

@@ -410,7 +410,8 @@ def test_process_ends_with_its_parent():
 def test_ctrl_c_while_a_board_starts_reaches_its_parent_alone():
     """The terminal sends it to all; the process of the board, still importing, prints no traceback of its own."""
     code = (
-        "from boat_daq.engine.simulator.server import *; print(flush=True); "
+        "import signal; from boat_daq.engine.simulator.server import *; "
+        "signal.signal(signal.SIGINT, signal.default_int_handler); print(flush=True); "  # a shell may have it ignored
         "board = serve(BoardSettings(port='127.0.0.1:0')); print(flush=True); sys.stdin.read()"
     )
     command, pipe = [sys.executable, "-c", code], subprocess.PIPE

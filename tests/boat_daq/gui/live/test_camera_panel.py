@@ -11,6 +11,7 @@ import pytest
 
 from boat_daq.engine.camera.source import CameraFrame
 from boat_daq.engine.simulator.picture import FAULTLESS, CameraScene, Disturbance, Renderer
+from boat_daq.gui.live.readings_panel import BY_CAMERA
 from boat_daq.workflows import camera_tracking as choice
 from protocol.base.errors import DeviceError, RequestError
 
@@ -43,7 +44,8 @@ def panel(live, monkeypatch):
     panel = live.live.camera
     live.model.session.live.add_sink = lambda sink: lambda: None
     live.model.session.resumed_after = lambda: 0
-    live.live.show_camera()
+    live.live.pane.setCurrentWidget(live.live.readings)
+    live.live.readings.choose(BY_CAMERA)
 
     def opened(source: Pictures) -> None:
         monkeypatch.setattr(choice, "open_source", lambda name, allow_remote: source)

@@ -87,9 +87,12 @@ def read_boat_file(path: str | Path) -> Recording:
         signal = (samples["lit"].astype(np.float64) - samples["dark"]) * scale
     else:
         signal = samples["signal_mv"].astype(np.float64)
-    kept = {name: samples[name] for name in ("state", "flags", "index", *(("lit", "dark") if counts else ()))}
+    names = ["state", "flags", "index"]
+    if counts:
+        names += ["lit", "dark"]
     if meta.get("channels"):
-        kept["channel"] = samples["channel"]
+        names.append("channel")
+    kept = {name: samples[name].copy() for name in names}  # a view would keep the whole samples in memory
     kept |= {"segment": segment, "target_kpa": target_from_steps(clock.time_s, steps), "steps": steps}
     pressure_kpa = samples["pressure_pa"] / 1000.0
     recording = Recording.from_arrays(

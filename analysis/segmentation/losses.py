@@ -60,9 +60,12 @@ class Losses:
 
 @dataclass(frozen=True, slots=True)
 class LossCounter:
-    """Running sums [n + 1] of one sensor's losses: a window's are the difference at its ends."""
+    """One sensor's losses by kind: the rows where they are, and their running sums from 0 on.
 
-    sums: tuple[IntArray, ...]
+    A window's are the difference of the sums at its ends. Few rows of a sound run have any.
+    """
+
+    kinds: tuple[tuple[IntArray, IntArray], ...]
 
     @classmethod
     def of(cls, recording: Recording, sensor: int) -> LossCounter:
@@ -78,8 +81,8 @@ class LossCounter:
         flagged &= ~saturated
         wrong &= ~saturated & ~flagged
         standing = ~recording.usable[:, sensor] & ~saturated & ~flagged & ~wrong
-        sums = (np.concatenate([[0], np.cumsum(a)]) for a in (lost, crc, saturated, flagged, wrong, standing))
-        return cls(tuple(sums))
+        rows = ((a, np.flatnonzero(a)) for a in (lost, crc, saturated, flagged, wrong, standing))
+        return cls(tuple((at, np.concatenate([[0], np.cumsum(a[at])])) for a, at in rows))
 
     def of_windows(self, windows: Sequence[slice]) -> Losses:
         """Count in windows that do not overlap. A gap belongs to the window that holds both its sides."""
@@ -88,9 +91,14 @@ class LossCounter:
         first = np.asarray([w.start for w in windows])
         last = np.asarray([max(w.stop, w.start) for w in windows])
         inside = np.maximum(last - 1, first)  # a gap is stored at the row before it
-        gaps = [int((s[inside] - s[first]).sum()) for s in self.sums[:2]]
-        rows = [int((s[last] - s[first]).sum()) for s in self.sums[2:]]
+        gaps = [self._between(kind, first, inside) for kind in self.kinds[:2]]
+        rows = [self._between(kind, first, last) for kind in self.kinds[2:]]
         return Losses(int((last - first).sum()) + sum(gaps), *gaps, *rows)
+
+    @staticmethod
+    def _between(kind: tuple[IntArray, IntArray], first: IntArray, last: IntArray) -> int:
+        at, sums = kind
+        return int((sums[np.searchsorted(at, last)] - sums[np.searchsorted(at, first)]).sum())
 
     def of_like_windows(self, windows: Sequence[slice]) -> Losses:
         """Count in windows of about one length: one that a pause prolonged lost no more than a usual one has."""

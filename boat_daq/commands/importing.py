@@ -84,7 +84,8 @@ def importing(
         emit_json({"file": to, "samples": recording.n, "map": recording.meta["import_map"], "notes": notes,
                    "masked": dict(recording.masked), "gaps": len(recording.gaps), **offset})  # fmt: skip
     else:
-        notify(f"wrote {to}: {recording.n} samples, {recording.n_sensors} sensors, {recording.duration_s:.1f} s")
+        sensors = "1 sensor" if recording.n_sensors == 1 else f"{recording.n_sensors} sensors"
+        notify(f"wrote {to}: {recording.n} samples, {sensors}, {recording.duration_s:.1f} s")
 
 
 def column_map(mapping: list[str] | None) -> dict[str, str]:

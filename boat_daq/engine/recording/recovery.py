@@ -61,9 +61,9 @@ def recover(path: Path, *, progress: Progress | None = None) -> Recovery:
     """Close properly what a killed session left, or save what a damaged file holds."""
     if is_being_written(path):
         raise StorageError(f"{path} is being written by another program", "Close it there first.")
+    if not path.is_file() or not os.access(path, os.R_OK):
+        schema.refuse_newer(path)  # names what is wrong
     log = read_log(path)
-    if not path.exists():
-        schema.refuse_newer(path)
     checked = check_log(path, log)  # before SQLite opens the file, which changes -shm
     if log is not None and not log.damage and checked.state in (LogState.WHOLE, LogState.UNPROVEN):
         checked = _OTHERS_LOG if _completes_another(path) else checked

@@ -334,7 +334,8 @@ def _rising(path: Path, table: Table, column: Column, segment: FloatArray | None
     time_s = column.values(table)
     rows = np.flatnonzero(np.isfinite(time_s))
     if not rows.size:
-        raise DataError(f"{path.name}: the time column holds no numbers", "Map another column, or state the rate of the rows (--rate HZ).")
+        remedy = "Map another column, or state the rate of the rows (--rate HZ)."
+        raise DataError(f"{path.name}: the time column holds no numbers", remedy)
     title = table.names[column.position]
     begins = np.flatnonzero(np.diff(segment[rows]) != 0) + 1 if segment is not None else np.zeros(0, np.int64)
     fallen = [at for at in begins if time_s[rows[at]] < time_s[rows[at - 1]]]

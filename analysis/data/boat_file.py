@@ -92,7 +92,9 @@ def read_boat_file(path: str | Path) -> Recording:
         names += ["lit", "dark"]
     if meta.get("channels"):
         names.append("channel")
-    kept = {name: samples[name].copy() for name in names}  # a view would keep the whole samples in memory
+    kept: dict[str, Any] = {
+        name: samples[name].copy() for name in names
+    }  # a view would keep the whole samples in memory
     kept |= {"segment": segment, "target_kpa": target_from_steps(clock.time_s, steps), "steps": steps}
     pressure_kpa = samples["pressure_pa"] / 1000.0
     recording = Recording.from_arrays(

@@ -111,7 +111,7 @@ def import_two(
 
     Parameters
     ----------
-    columns : as in `import_csv`; each is of the file that has such a column, a number is of the first.
+    columns : mapping of `import_csv`; each name is sought in both files, a number is a column of the first.
     place : function of the values of both that returns when the second begins, in the first's time, and its standard
         uncertainty; used where the stamps of both files do not tell.
     offset_s : begin of the second file in the first's time, where it is known.

@@ -84,7 +84,7 @@ def importing(
         emit_json({"file": to, "samples": recording.n, "map": recording.meta["import_map"], "notes": notes,
                    "masked": dict(recording.masked), "gaps": len(recording.gaps), **offset})  # fmt: skip
     else:
-        sensors = "1 sensor" if recording.n_sensors == 1 else f"{recording.n_sensors} sensors"
+        sensors = f"{recording.n_sensors} sensor{'s' * (recording.n_sensors > 1)}"
         notify(f"wrote {to}: {recording.n} samples, {sensors}, {recording.duration_s:.1f} s")
 
 

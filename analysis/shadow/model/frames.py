@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import time
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -142,10 +143,10 @@ class Shadow:
         if start is not None and p is not None and abs(start.pressure_kpa - p) > 20.0:
             start = None
         if start is not None:
-            try:
+            with suppress(
+                ConvergenceError
+            ):  # from the last state, the way may pass the limit of stability
                 return self.model.solve(pressure_kpa=p, elongation_mm=q, start=start)
-            except ConvergenceError:  # the way from the last state may pass the limit of stability, that from rest not
-                pass
         return self.model.solve(pressure_kpa=p, elongation_mm=q)
 
     def _frame(self, solution: Solution, model: Model, begun: float) -> ShadowState:

@@ -123,7 +123,7 @@ class Session:
         Parameters
         ----------
         speed : board time over real time, 1 to 1000.
-        options : as of `open`. `enter_simulated_readings(session)` then enters the elongations of its plateaus.
+        options : those of `open`. `enter_simulated_readings(session)` then enters the elongations of its plateaus.
         """
         from boat_daq.engine.simulator.server import BoardInThread
 

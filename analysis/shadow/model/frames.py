@@ -143,9 +143,7 @@ class Shadow:
         if start is not None and p is not None and abs(start.pressure_kpa - p) > 20.0:
             start = None
         if start is not None:
-            with suppress(
-                ConvergenceError
-            ):  # from the last state, the way may pass the limit of stability
+            with suppress(ConvergenceError):  # from the last state, the way may pass the limit of stability
                 return self.model.solve(pressure_kpa=p, elongation_mm=q, start=start)
         return self.model.solve(pressure_kpa=p, elongation_mm=q)
 

@@ -323,5 +323,6 @@ class SessionSnapshot:
     run_ended: RunEnding | None = None  # the last run; None before the first ends, and during the next
     recording: Path | None = None
     recorded_s: float = 0.0
+    not_saving: str = ""  # why the recorder saves nothing at present; empty while it does
     unit: str = ""
     elongation: ElongationControl | None = None  # while it is controlled

@@ -134,10 +134,13 @@ class RecordingFile:
         return [row[1] for row in self._connection.execute(f"PRAGMA table_info({table})")]
 
     def check_place(self) -> None:
-        """Detect what no write reports. That the file was removed, or that the disk is nearly full."""
+        """Detect what no write reports: that the file was moved or removed."""
         if _identity(self.path) != self._identity:
             cause = f"{self.path} was moved or removed while it was recorded"
             raise StorageError(cause, "Put it back, or start again.")
+
+    def check_space(self) -> None:
+        """Detect a disk that is nearly full, while the file can still be closed."""
         free = shutil.disk_usage(self.path.parent).free
         if free < SPACE_FLOOR_BYTES:
             raise StorageError(f"the disk of {self.path.parent} has only {free / 1e6:.0f} MB left", "Free disk space.")

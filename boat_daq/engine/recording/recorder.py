@@ -80,6 +80,7 @@ class Recorder:
         self._break_kept = resumes is not None
         self.acknowledged = Counters()  # what is safely in the file, whatever happens to this process
         self._error: StorageError | None = None  # of the last commit
+        self._misplaced: StorageError | None = None  # the file was moved or removed
         self._reported: set[str] = set()
         self._refusing: StorageError | None = None  # why no later byte is taken
         self._stopping = self._closed = False
@@ -112,6 +113,12 @@ class Recorder:
         with self._changed:
             oldest = self._oldest_ns if self._oldest_ns or not self._queue else self._queue[0][0]
         return 0.0 if oldest is None else max(0.0, (time.monotonic_ns() - oldest) / 1e6)
+
+    @property
+    def failure(self) -> str:
+        """Why nothing is saved at present; empty while all is."""
+        error = self._refusing or self._error or self._misplaced
+        return error.cause if error is not None else ""
 
     @property
     def at_risk_ms(self) -> float:
@@ -266,7 +273,15 @@ class Recorder:
             self._later(lambda rows, host_ns: health_row(host_ns, health, *rows.here))
         if self._refusing is not None:
             self._report(self._refusing)
-        self._file.check_place()
+        try:
+            self._file.check_place()
+        except StorageError as error:
+            self._misplaced = error
+            raise
+        if self._misplaced is not None:
+            self._reported.discard(self._misplaced.cause)
+            self._misplaced = None
+        self._file.check_space()
 
     def _commit(self) -> None:
         """Put all that waits into one transaction; what fails waits for the next try."""

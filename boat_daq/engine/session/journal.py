@@ -49,7 +49,8 @@ class Journal:
     def watch_disk(self) -> None:
         """Warn once when samples wait too long for the disk, and again when it happens after they were in time."""
         lag_ms = self.lag_ms
-        if lag_ms > LATE_MS and not self._late:
+        failing = self.recorder is not None and self.recorder.failure  # reported by the recorder
+        if lag_ms > LATE_MS and not self._late and not failing:
             cause = f"the disk is slow: the last {lag_ms / 1e3:.1f} s are not saved yet"
             self.tell(MessageKind.STORAGE, "warning", cause, "close programs that write to that disk, or use another")
         self._late = lag_ms > (LATE_MS / 2 if self._late else LATE_MS)

@@ -500,6 +500,7 @@ class Session:
                 run_ended=control.sequencer.ended,
                 recording=recorder.path if recorder else None,
                 recorded_s=recorded_us / 1e6 if recorder else 0.0,
+                not_saving=recorder.failure if recorder else "",
                 unit=self.unit_under_test.name,
                 elongation=control.loop.state() if control.loop is not None else None,
             )

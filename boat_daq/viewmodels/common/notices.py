@@ -167,7 +167,9 @@ class SessionMessages:
         self._notices = notices
         self._last = max((m.number for m in snapshot.messages), default=0)
         self._of_link: list[Notice] = []
-        self._of_disk: list[Notice] = []
+        self._of_slow_disk: list[Notice] = []
+        self._of_disk: list[Notice] = []  # that failed
+        self._failing = False
 
     def follow(self, snapshot: SessionSnapshot) -> None:
         """Add what is new; dismiss what a restored link has settled."""
@@ -181,11 +183,14 @@ class SessionMessages:
             cause = f"{message.cause}; data resumed" if over else message.cause
             notice = self._notices.add(level, cause, "" if over else message.remedy)
             if message.kind is MessageKind.STORAGE:
-                self._of_disk.append(notice)
+                (self._of_disk if level is Severity.FAULT else self._of_slow_disk).append(notice)
             elif snapshot.link in DOWN:
                 self._of_link.append(notice)
-        if snapshot.recording is None or (snapshot.health is not None and not snapshot.health.late):
+        before, self._failing = self._failing, bool(snapshot.not_saving)
+        if snapshot.recording is None or (before and not self._failing):
             self._settle(self._of_disk)
+        if snapshot.recording is None or (snapshot.health is not None and not snapshot.health.late):
+            self._settle(self._of_slow_disk)
         if connected:
             self._settle(self._of_link)
 

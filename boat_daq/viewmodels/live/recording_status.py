@@ -10,6 +10,7 @@ from time import monotonic
 
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.formatting import duration, size_text
+from boat_daq.viewmodels.common.notices import sentence
 from boat_daq.viewmodels.live.run_model import UNDER_WAY, RunModel
 from protocol.base.errors import BoatDaqError
 
@@ -67,9 +68,11 @@ class RecordingStatus:
         tip = f"{path.name}\nin {path.parent} (click to open it)\n{size_text(self._size)}, {left}{lasts}{cost}"
         button = "" if snapshot.state in UNDER_WAY else STOP
         text = "   ".join((short, size_text(self._size), left))
-        if health is not None and health.lag_ms > NOT_SAVED_MS:
-            short = text = f"\u25a0 NOT SAVING {duration(health.lag_ms / 1e3)}"
-            tip = f"The disk takes no data. They wait in memory.\n{tip}"
+        lag_ms = health.lag_ms if health is not None else 0.0
+        if snapshot.not_saving or lag_ms > NOT_SAVED_MS:
+            waits = f" {duration(lag_ms / 1e3)}" if lag_ms > _LOOK_S * 1e3 else ""
+            short = text = f"\u25a0 NOT SAVING{waits}"
+            tip = f"{sentence(snapshot.not_saving or 'the disk takes no data; they wait in memory')}\n{tip}"
             return RecordingText(text, short, tip, "fault", button)
         wrong = little or (health is not None and health.late)
         return RecordingText(text, f"{short}   {left}" if little else short, tip, "warning" if wrong else "", button)

@@ -405,6 +405,8 @@ def progress_text(snapshot: SessionSnapshot, leave_out: int = 0, units: ShownUni
     ended = snapshot.run_ended
     if snapshot.link in UNKNOWN:
         return _promise(snapshot)
+    if snapshot.state is SessionState.FAULT and snapshot.latched:
+        return snapshot.latched  # of a held pressure, too, which no run was
     if snapshot.state in (SessionState.FAULT, SessionState.ABORTED) and ended is not None and ended.aborted:
         return ended.cause
     if progress is None:

@@ -182,3 +182,13 @@ def test_a_slow_disk_that_recovered_leaves_no_warning(make):
     session.change(recording=None)
     window.refresh()
     assert window.strip.text.text() == ""
+    # one that failed was dismissed at once: it was not late yet
+    full = Message(2, MessageKind.STORAGE, "error", "the disk is full", "Free disk space.")
+    session.change(messages=(slow, full), recording=Path("a.boat"), not_saving="the disk is full")
+    window.refresh()
+    window.refresh()
+    assert "The disk is full" in window.strip.text.text()
+    assert window.header.recording.badge.text() == "\u25a0 NOT SAVING"
+    session.change(not_saving="")
+    window.refresh()
+    assert window.strip.text.text() == ""

@@ -39,12 +39,13 @@ def test_a_full_disk_is_reported_once_and_loses_nothing_once_freed(path, source,
         time.sleep(0.01)
     assert [type(error) for error in errors] == [StorageError]
     assert "full" in errors[0].cause
+    assert recorder.failure == errors[0].cause
     kept = rows(path, "SELECT coalesce(sum(n), 0) FROM block")[0][0]
     assert kept == recorder.acknowledged.samples < sum(map(len, source.samples))
     assert rows(path, "PRAGMA quick_check") == [("ok",)]
     limit_pages(recorder, 1_000_000)
     assert recorder.flush(5.0)
-    assert recorder._error is None
+    assert recorder.failure == ""
     recorder.close(RunEnd.FINISHED)
     assert len(errors) == 1
     assert stored_samples(path) == np.concatenate(source.samples).tobytes()
@@ -125,6 +126,7 @@ def test_a_removed_folder_is_detected(path, source):
         recorder(source.next())
         time.sleep(0.02)
     assert "moved or removed" in errors[0].cause
+    assert recorder.failure == errors[0].cause
     with pytest.raises(StorageError):
         recorder.close(RunEnd.ABORTED)
 
@@ -164,8 +166,8 @@ def test_a_recording_ends_below_32_mib_of_free_disk(path, source, monkeypatch, f
     monkeypatch.setattr("boat_daq.engine.recording.disk_space.shutil.disk_usage", lambda _: free)
     if reported:
         with pytest.raises(StorageError, match="MB left"):
-            recorder._file.check_place()
+            recorder._file.check_space()
     else:
-        recorder._file.check_place()
+        recorder._file.check_space()
     monkeypatch.undo()
     recorder.close(RunEnd.FINISHED)

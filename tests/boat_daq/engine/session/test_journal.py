@@ -10,7 +10,7 @@ class LateRecorder:
     """In place of a recorder: its lag."""
 
     def __init__(self) -> None:
-        self.lag_ms = 90.0
+        self.lag_ms, self.failure = 90.0, ""
 
 
 def test_samples_that_wait_for_the_disk_are_warned_of_once():
@@ -25,3 +25,8 @@ def test_samples_that_wait_for_the_disk_are_warned_of_once():
     assert warned == [0, 0, 1, 1, 1, 1, 1, 2]
     assert [(m.kind, m.level) for m in journal.messages] == [(MessageKind.STORAGE, "warning")] * 2
     assert "the last 0.5 s are not saved yet" in journal.messages[0].cause
+    recorder.lag_ms = 90
+    journal.watch_disk()
+    recorder.lag_ms, recorder.failure = 600, "the disk is full"  # which the recorder reports itself
+    journal.watch_disk()
+    assert len(journal.messages) == 2

@@ -156,6 +156,8 @@ def test_pressure_of_a_lost_board_is_unknown():
     assert shown(**at)[0] == "\u25a0 Fault, venting"
     assert shown(**at | {"last": {"pressure_kpa": 0.4}})[0] == "\u25a0 Fault, vented"
     assert shown(**at | {"state": SessionState.PAUSED})[0] == "\u2016 Paused, venting"
+    lost = "the link was lost"  # while an elongation was held: no run has ended
+    assert shown(state=SessionState.FAULT, latched=lost)[1] == lost
 
 
 def test_what_is_held_without_a_run_is_named():

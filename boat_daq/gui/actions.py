@@ -73,7 +73,6 @@ def session(window: MainWindow) -> list[Command]:
         attempt(show)
 
     start = partial(attempt, connection.start_virtual_board)
-    describe = partial(model.services.show, Panel.PROFILE)
     more, trial, stamp = partial(attempt, start_window), run.trial, "operator customer item serial note ambient"
     streams = "lsl secop outlet server network"
     return [
@@ -90,7 +89,6 @@ def session(window: MainWindow) -> list[Command]:
         add("Add marker …", "Ctrl+M", window.live.ask_marker, model.connected, also="mark note comment moment"),
         add("Metadata …", "", state_metadata, also=stamp),
         add("Close the window", "Ctrl+Q", window.leave, apart=True, also="quit exit leave"),
-        seldom("Describe a board …", describe, also="profile wizard text firmware Arduino RX8"),
         seldom("Apply suggested action", strip.apply, strip.has_action, also="message do"),
         seldom("Dismiss message", strip.dismiss, strip.has_notice),
         seldom("Cancel task", strip.cancel_job, lambda: bool(model.jobs.running()), also="work job stop"),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QComboBox, QDialog, QGridLayout, QPlainTextEdit, QWidget
 
@@ -12,7 +10,7 @@ from boat_daq.gui import style
 from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.viewmodels.common.notices import Notice
-from boat_daq.viewmodels.common.services import Panel, Services
+from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.connection import VIRTUAL_SENSORS, VIRTUAL_UNITS, ConnectionModel
 
 _SPEEDS = [("real time", 1.0), ("5 times faster", 5.0), ("20 times faster", 20.0)]
@@ -61,10 +59,7 @@ class ConnectPanel(QDialog):
             grid.addWidget(controls.label(text), i, 0, top if control is self.profile else Qt.AlignmentFlag(0))
             grid.addWidget(control, i, 1)
         grid.addWidget(controls.button("Rescan", self.rescan), 0, 2)
-        describe = partial(self.services.show, Panel.PROFILE)
-        tip = "Propose a profile from what the board prints"
-        own = (controls.button("Open …", self._open_profile), controls.button("Describe …", describe, tip=tip))
-        grid.addLayout(controls.column(*own, None), 2, 2)
+        grid.addLayout(controls.column(controls.button("Open …", self._open_profile), None), 2, 2)
         grid.setColumnStretch(1, 1)
         return controls.card(
             controls.label("A board", "subtitle"),
@@ -162,13 +157,6 @@ class ConnectPanel(QDialog):
         speed = float(self.speed.currentData())
         if self.services.notices.attempt(lambda: self.connection.start_virtual_board(unit, speed)):
             self.hide()
-
-    def take_profile(self, toml: str, port: str) -> None:
-        """Show the panel with this profile and port."""
-        self.open_fresh()
-        self.profile.setPlainText(toml)
-        if port:
-            self.port.setEditText(port)
 
     def _open_profile(self) -> None:
         ask_open(self, self.services, "Open a profile", "toml", lambda path: self.profile.setPlainText(str(path)))

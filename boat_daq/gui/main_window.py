@@ -39,7 +39,6 @@ from boat_daq.gui.models.tradeoff_page import TradeoffPage
 from boat_daq.gui.palette import Palette, ShortcutSheet
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
-from boat_daq.gui.profile_panel import ProfilePanel
 from boat_daq.gui.registry import Registry, WindowKeys
 from boat_daq.gui.results.calibration_page import CalibrationPage
 from boat_daq.gui.results.import_panel import ImportPanel
@@ -101,8 +100,6 @@ class MainWindow(QMainWindow):
         self.live: LivePage = self.open_page(Page.MEASURE)
         self._lay_out()
         self.connect_panel = ConnectPanel(self, model.connection, model.services)
-        ports, use = model.connection.ports, self.connect_panel.take_profile
-        self.profile_panel = ProfilePanel(self, model.board_profile, model.services, ports, use)
         self.import_panel = ImportPanel(self, model.csv_import, model.services)
         self.commands = Registry(self, model.notices)
         self.palette_ = Palette(self, self.commands)
@@ -196,7 +193,6 @@ class MainWindow(QMainWindow):
         self.guard.show(self.strip, "The messages", self.strip.refresh)
         self.safe_mode.refresh()
         self.guard.show(self.connect_panel, "The connection", lambda: self.connect_panel.refresh(snapshot))
-        self.guard.show(self.profile_panel, "The description of a board", self.profile_panel.refresh)
         self.guard.show(self.import_panel, "The import", self.import_panel.refresh)
         if self.outlets_panel is not None and self.outlets_panel.isVisible():
             self.guard.show(self.outlets_panel, "Streams and remote control", self.outlets_panel.refresh)
@@ -265,7 +261,6 @@ class MainWindow(QMainWindow):
         panels = {
             Panel.CONNECT: self.connect_panel.open_fresh, Panel.REPORT: self.ask_report,
             Panel.SEGMENTS: self.live.edit_segments, Panel.OUTLETS: self.show_outlets,
-            Panel.PROFILE: self.profile_panel.open_fresh,
             Panel.PLAN: self.live.show_plan, Panel.PHOTOGRAPH: self.live.open_photograph,
         }  # fmt: skip
         panels[place]()

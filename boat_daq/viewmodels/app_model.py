@@ -20,7 +20,6 @@ from boat_daq.viewmodels.common.open_windows import OpenWindows
 from boat_daq.viewmodels.common.preferences import Precision, Preferences, UnitChoice
 from boat_daq.viewmodels.common.services import Page, Panel, Place, Services, Tab, UndoHistory
 from boat_daq.viewmodels.common.tolerance import TypedChoice
-from boat_daq.viewmodels.live.board_profile import BoardProfile
 from boat_daq.viewmodels.live.camera import CameraModel
 from boat_daq.viewmodels.live.connection import ConnectionModel
 from boat_daq.viewmodels.live.layout import Layouts
@@ -66,7 +65,6 @@ class AppModel:
         self.jobs = JobRunner()
         self.services = Services(self.notices, self.preferences, self.undo, recordings)
         self.connection = ConnectionModel(session, self.preferences, self.units)
-        self.board_profile = BoardProfile(session.settings)
         self.windows = OpenWindows(session, lambda: self.unit.name(self.snapshot), self.notices, folder)
         self.layouts = Layouts(self.preferences, self.undo, lambda: self.unit.name(self.snapshot))
         self.live = LiveModel(lambda: session.live.ring, layout=lambda: self.layouts.current)

@@ -98,8 +98,6 @@ class Proposal:
     rx8 : the format string of packets; empty for lines.
     vref_mv, adc_bits : reference and bits of counts; 0 if no signal is in counts.
     fitting, seen : number of lines with this syntax, and of all but comments; packets and bytes for packets.
-    limits_kpa : pressure limits; None until stated, since no text gives them.
-    polarity : -1 if the voltage falls with light.
     """
 
     fields: tuple[ProposedField, ...]
@@ -110,9 +108,6 @@ class Proposal:
     adc_bits: int = 0
     fitting: int = 0
     seen: int = 0
-    limits_kpa: tuple[float | None, float | None] = (None, None)
-    commands: dict[str, str] | None = None
-    polarity: int = 1
 
     @property
     def missing(self) -> str:
@@ -139,25 +134,16 @@ class Proposal:
     def content(self, name: str) -> dict[str, Any]:
         """Return the profile as it is written in TOML."""
         sensors = {field.name.partition("_")[0] for field in self.fields if re.match(r"s\d_", field.name)}
-        device: dict[str, Any] = {"n_sensors": len(sensors), "rate_hz": self.rate_hz, "polarity": self.polarity}
+        device: dict[str, Any] = {"n_sensors": len(sensors), "rate_hz": self.rate_hz, "polarity": 1}
         if self.adc_bits:
             device |= {"vref_mv": self.vref_mv, "adc_bits": self.adc_bits}
-        limits = zip(("pressure_min_kpa", "pressure_max_kpa"), self.limits_kpa, strict=True)
-        device |= {key: limit for key, limit in limits if limit is not None}
-        commands = {"commands": self.commands} if self.commands else {}
         top = {"name": name, "kind": "rx8" if self.rx8 else "lines", "device": device}
         if self.rx8:
             variables = {field.label: field.table(labelled=False) for field in self.fields}
-            return {**top, "rx8": {"format": self.rx8, "variables": variables}, **commands}
+            return {**top, "rx8": {"format": self.rx8, "variables": variables}}
         labelled = self.lines.get("style") in ("labels", "json")
         fields = [field.table(labelled=labelled) for field in self.fields]
-        return {**top, "lines": {**self.lines, "fields": fields}, **commands}
-
-    def with_field(self, at: int, **values: Any) -> Proposal:
-        """Return the proposal with other values of a field, which is then no longer guessed."""
-        fields = list(self.fields)
-        fields[at] = replace(fields[at], guessed=False, **values)
-        return replace(self, fields=tuple(fields))
+        return {**top, "lines": {**self.lines, "fields": fields}}
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,6 @@ board used before (stored with the unit), or the operator has chosen it.
 from __future__ import annotations
 
 import json
-import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -25,7 +24,7 @@ from boat_daq.engine.link.replay import ReplayTransport
 from boat_daq.engine.link.transports import Transport, open_transport
 from boat_daq.engine.settings import Settings
 from boat_daq.engine.toml_values import read_text
-from protocol.base.errors import BoatDaqError, DeviceError
+from protocol.base.errors import DeviceError
 from protocol.link.connection import Connection
 from protocol.link.events import Link, WrongProtocol
 from protocol.link.messages import Hello, Identify
@@ -93,59 +92,17 @@ def _profile_in(text: str) -> TextProfile:
     return load_profile(text + "\n")  # never a path: a recording is not trusted
 
 
-HEARD_MAX = 1_000_000  # bytes that a listener keeps, the newest
-
-
-class PortListener:
-    """Collects what a device sends, on a thread of its own; nothing is written to its port."""
-
-    def __init__(self, url: str, settings: Settings) -> None:
-        self._url, self._settings = url, settings
-        self._data = bytearray()
-        self._left_out = 0  # bytes before those that are kept
-        self._times: list[tuple[int, float]] = []  # bytes received in all, and when
-        self._stop = threading.Event()
-        self.error: BoatDaqError | None = None
-        self._thread = threading.Thread(target=self._listen, name="listener", daemon=True)
-        self._thread.start()
-
-    def heard(self) -> tuple[bytes, float]:
-        """Return the newest bytes, and the seconds in which they came."""
-        data, times = bytes(self._data), list(self._times)
-        kept = [(n, at) for n, at in times if n >= self._left_out]
-        return data, kept[-1][1] - kept[0][1] if len(kept) > 1 else 0.0
-
-    def close(self) -> None:
-        """Close the port."""
-        self._stop.set()
-        self._thread.join()
-
-    def _listen(self) -> None:
-        try:
-            with closing(
-                open_transport(self._url, baud=self._settings.baud, allow_remote=self._settings.allow_remote)
-            ) as transport:
-                while not self._stop.is_set():
-                    if data := transport.read():
-                        self._data += data
-                        over = max(0, len(self._data) - HEARD_MAX)
-                        del self._data[:over]
-                        self._left_out += over
-                        self._times.append((self._left_out + len(self._data), time.monotonic()))
-        except BoatDaqError as error:
-            self.error = error
-
-
 def listen(url: str, seconds: float, settings: Settings | None = None) -> tuple[bytes, float]:
     """Return what a device sends in some time, and the seconds in which it came; nothing is sent."""
-    listener = PortListener(url, settings or Settings())
+    settings = settings or Settings()
+    data, times = bytearray(), []
     end_s = time.monotonic() + seconds
-    while time.monotonic() < end_s and listener.error is None:
-        time.sleep(min(0.05, seconds))
-    listener.close()
-    if listener.error is not None:
-        raise listener.error
-    return listener.heard()
+    with closing(open_transport(url, baud=settings.baud, allow_remote=settings.allow_remote)) as transport:
+        while time.monotonic() < end_s:
+            if came := transport.read():
+                data += came
+                times.append(time.monotonic())
+    return bytes(data), times[-1] - times[0] if times else 0.0
 
 
 _ANSWER_S = 1.0

@@ -56,7 +56,6 @@ class Panel(StrEnum):
 
     CONNECT = "connect"
     PLAN = "plan"
-    PROFILE = "profile"
     SEGMENTS = "segments"
     PHOTOGRAPH = "photograph"
     REPORT = "report"

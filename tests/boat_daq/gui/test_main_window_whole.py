@@ -30,7 +30,7 @@ from boat_daq.viewmodels.common.services import PLACES, page_of
 from tests.boat_daq.gui.windows import run_command, shared_window
 
 PANELS = (
-    "Connect …", "Streams and remote control …", "Metadata …", "Describe a board …", "Read from a photograph …",
+    "Connect …", "Streams and remote control …", "Metadata …", "Read from a photograph …",
     "Layout of the plots …", "Units of the values …", "Derived channels …", "Edit a plan of segments …",
     "Find a command …",
 )  # fmt: skip

@@ -222,7 +222,6 @@ OPENED = {
     "messages": lambda window: window.strip.messages.click(),
 }
 DIALOGS = {
-    "profile": lambda window: window.show_place(Panel.PROFILE),
     "segments": lambda window: window.show_place(Panel.SEGMENTS),
     "outlets": lambda window: window.show_place(Panel.OUTLETS),
     "layout": lambda window: window.live.show_layout(),

@@ -149,3 +149,14 @@ def test_the_command_marks_the_board(as_json):
         assert row["hello"]["n_sensors"] == 2
     else:
         assert done.stdout.startswith(f"* {port}")
+
+
+def test_listening_sends_nothing():
+    """What a device prints arrives with the time it took, and not a byte goes to the device."""
+    sent = [b"t=1 p=2\n"] * 5
+    came: list[bytes] = []
+    with served(lambda data: came.append(data) or (sent.pop() if sent else b"")) as port:
+        data, seconds = opening.listen(port, 0.3)
+    assert data == b"t=1 p=2\n" * 5
+    assert 0 < seconds < 0.3
+    assert not any(came)

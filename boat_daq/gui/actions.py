@@ -292,16 +292,12 @@ def models(window: MainWindow) -> list[Command]:
         names = list(SCALES)
         m.shadow.quantity = names[(names.index(m.shadow.quantity) + 1) % len(names)]
 
-    def map_method() -> None:
-        m.atlas.toggle(m.tradeoff.shown)
-
     return [
         *(_seldom(f"Compute: {n}", partial(m.precision.choose, n), also="precision") for n in LEVELS),
         _seldom("Sweep all designs, or stop", on(Tab.OPTICS, m.optics.toggle_sweep)),
         _seldom("Optimise beyond the grid, or stop", on(Tab.OPTICS, m.optics.toggle_search)),
         _seldom("Next shadow colouring", next_colouring),
         _seldom("Measure this computer, or stop", on(Tab.ACCURACY, m.tradeoff.toggle)),
-        _seldom("Map where the method fails, or stop", on(Tab.ACCURACY, map_method)),
     ]
 
 

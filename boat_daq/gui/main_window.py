@@ -139,7 +139,7 @@ class MainWindow(QMainWindow):
             Page.RECORDINGS: lambda: RunsPage(m.runs, m.run_actions, services),
             Tab.OPTICS: lambda: OpticsPage(m.optics, m.rays, m.confidence, services),
             Tab.SHADOW: lambda: ShadowPage(m.shadow, m.monitor, services),
-            Tab.ACCURACY: lambda: TradeoffPage(m.tradeoff, m.atlas, m.precision, services),
+            Tab.ACCURACY: lambda: TradeoffPage(m.tradeoff, m.precision, services),
             Tab.VALUES: lambda: SettingsPage(m.settings, m.unit, services),
         }
         return makers[name]()

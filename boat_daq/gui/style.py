@@ -125,19 +125,6 @@ FAMILIES = ("Inter", "Segoe UI", "SF Pro Text", "Helvetica Neue", "Noto Sans", "
 VIRIDIS = ("#440154", "#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#a0da39", "#fde725")
 VIRIDIS_USED = (0.32, 0.84)  # without the ends that a dark and a light ground would swallow
 
-# Ground and ink of what a method does in one place of its map; hatching and letter say it too.
-_OUTCOMES = {
-    "light": {
-        "works": ("#bfe0f2", "#1a2027"), "degraded": ("#f5ec8e", "#1a2027"), "refused": ("#c9ced6", "#1a2027"),
-        "unwarned": ("#1a2027", "#ffffff"),
-    },
-    "dark": {
-        "works": ("#1f5f85", "#e9edf1"), "degraded": ("#8a7d1f", "#ffffff"), "refused": ("#48515b", "#e9edf1"),
-        "unwarned": ("#ffffff", "#14181d"),
-    },
-}  # fmt: skip
-HATCH_ALPHA = 90
-
 BAND_OPACITY = 56  # of 255: a band lets the grid and the curve through
 BAND_ALPHA_WIDE = 30
 RAY_ALPHA = 90
@@ -183,11 +170,6 @@ def sequential(place: int, of: int) -> str:
     share = at - low
     mixed = (x + (y - x) * share for x, y in ((a.red(), b.red()), (a.green(), b.green()), (a.blue(), b.blue())))
     return QColor(*(round(value) for value in mixed)).name()
-
-
-def outcome_colours(theme: Theme) -> dict[str, tuple[str, str]]:
-    """Return ground and ink of each outcome of the stability atlas."""
-    return _OUTCOMES[theme.name]
 
 
 def swatch(ground: str, ink: str, words: str) -> str:

@@ -30,7 +30,6 @@ from boat_daq.viewmodels.live.run_model import CalibrationOffer, ResumeRun, RunM
 from boat_daq.viewmodels.live.sequence import SequenceModel
 from boat_daq.viewmodels.live.shadow_live import ShadowLive, ShadowMonitor
 from boat_daq.viewmodels.live.unit_in_use import DisagreementWatch, UnitInUse
-from boat_daq.viewmodels.models.failure_maps import AtlasModel
 from boat_daq.viewmodels.models.optics import (
     SUGGESTED_CONFIDENCES,
     SUGGESTED_RAYS,
@@ -86,8 +85,7 @@ class AppModel:
             session, self.units, self.jobs, self.services, self.runs.newest, self._show_by_kind
         )
         self.optics = OpticsModel(self.jobs, self.notices)
-        self.tradeoff = TradeoffModel(self.jobs, folder, self.preferences)
-        self.atlas = AtlasModel(self.jobs, folder)
+        self.tradeoff = TradeoffModel(self.jobs, folder)
         self.run = RunModel(
             session,
             self.connection,

@@ -38,15 +38,6 @@ def measure_methods(paint: Paint | None = None, *, progress: Progress | None = N
     return report_json(measure_all(methods, quick=True, progress=progress), quick=True)
 
 
-def sweep_method(name: str, *, progress: Progress | None = None) -> dict[str, Any]:
-    """Sweep every failure map of a method; return what `boat-daq atlas --json` prints."""
-    from analysis.studies.failure_maps.maps import atlas_json
-    from analysis.studies.failure_maps.methods import chosen_studies
-    from analysis.studies.failure_maps.sweep import sweep_all
-
-    return atlas_json(sweep_all(chosen_studies([name]), progress))
-
-
 def live_plot(paint: Paint | None = None) -> Method:
     """Return the method of the live plot, with the time of `paint` where it is given."""
     from analysis.studies.tradeoff.decimation import decimation

@@ -1,136 +1,184 @@
-"""The trade-off page: an overview of the methods, the chart and the settings of one, its failure maps."""
+"""Speed and accuracy: the precision of the program; time and error of each method's default, as a chart and a table.
+
+Processor time is across and error up, both logarithmic. Errors of unlike units are compared by what is noticeable in
+each: 100 % is noticed, and the program's rule accepts half.
+"""
 
 from __future__ import annotations
 
+import math
 from functools import partial
+from typing import Any
 
-from PySide6.QtCore import QSignalBlocker, Qt
-from PySide6.QtWidgets import QListWidget, QProgressBar, QVBoxLayout, QWidget
+import numpy as np
+import pyqtgraph as pg
+from PySide6.QtWidgets import QProgressBar, QWidget
 
 from analysis.fidelity import LEVELS
+from analysis.studies.tradeoff.measure import MARGIN
 from boat_daq.engine.snapshot import SessionSnapshot
-from boat_daq.formatting import duration_text
+from boat_daq.formatting import duration_text, number, quantity
 from boat_daq.gui import style
-from boat_daq.gui.models.tradeoff_chart import NOT_MEASURED, TradeoffCard
 from boat_daq.gui.models.tradeoff_jobs import measure_methods
-from boat_daq.gui.models.tradeoff_maps import AtlasCard
-from boat_daq.gui.models.tradeoff_overview import DefaultsTable, OverviewCard
+from boat_daq.gui.plotting.axes import LogAxis
+from boat_daq.gui.plotting.plot import Plot, PlotBox, sensor_colour
+from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.layouts import ReflowingPage, Shares
 from boat_daq.gui.widgets.wrapped_table import WrappedTable
+from boat_daq.viewmodels.common import tables
 from boat_daq.viewmodels.common.preferences import Precision
 from boat_daq.viewmodels.common.services import Services
-from boat_daq.viewmodels.models.failure_maps import AtlasModel
-from boat_daq.viewmodels.models.tradeoff import (
-    CHOICE,
-    METHOD_NAMES,
-    OVERVIEW,
-    ROWS,
-    MethodChart,
-    TradeoffModel,
-    error_text,
-)
+from boat_daq.viewmodels.models.tradeoff import JOB_NAMES, METHOD_NAMES, Default, TradeoffModel
+from protocol.base.arrays import FloatArray
 
 PRECISIONS = {
     "draft": "Draft: fast, rough",
     "normal": "Normal (sufficient)",
     "reference": "Reference: slow, exact",
 }
-_HEADINGS = ("No.", "Setting", "Time", "Error", "Use")
-_USES = f"\u25cb default   \u25a1 {CHOICE}   D used at Draft   R used at Reference"
 MEASURE = "Measure this computer"
-MEASURE_TIP = "Some minutes in a helper process; the terminal measures more settings of each method"
+MEASURE_TIP = "Some minutes in a helper process; boat-daq tradeoff measures more settings, with a chart of each method"
+SHARE_TIP = "The error in percent of the least that is noticeable; the rule accepts a setting up to 50 %"
+_HEADINGS = ("No.", "Method", "Default", "Time", "Error", "Share")
+_KEY = "● a method   ■ a whole job   lower: more exact   further left: faster"
+_NUMBERS = {name: number for number, name in enumerate(METHOD_NAMES, 1)}
+_LEAST_SHARE = 0.05
+"""Smaller errors are drawn here, so that the others are apart."""
+MARGIN_DECADES = 0.25
+LEAST_DECADES = 1.0  # so that timing noise looks small
+LABEL_SHARE = 0.01  # of the width, where a text about a line begins: at the left, where points are few
+_ANCHORS = (-0.15, 1.0), (-0.15, 0.0), (1.15, 1.0), (1.15, 0.0)  # of a number at its point, the best first
+_REACHES, _APART = (0.35, 0.2), (0.3, 0.13)  # decades of time and of error: to its middle, and to what it would cover
 
 
-class MethodList(QListWidget):
-    """The methods; the selected one is shown."""
+class OverviewCard(PlotCard):
+    """Time and error of every default."""
 
-    def __init__(self, tradeoff: TradeoffModel) -> None:
-        super().__init__()
-        self.tradeoff = tradeoff
-        self.setAccessibleName("Methods; the selected one is shown")
-        self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self.addItems(list(ROWS))
-        self.show_entries()
-        self.currentRowChanged.connect(lambda row: self.tradeoff.show(list(ROWS)[row]))
+    def __init__(self, model: TradeoffModel) -> None:
+        super().__init__("All methods")
+        self.model = model
+        axes = {"left": LogAxis("left"), "bottom": LogAxis("bottom")}
+        item = pg.PlotItem(viewBox=PlotBox(), axisItems=axes, enableMenu=False)
+        self.view.addItem(item, row=0, col=0)
+        item.setMouseEnabled(False, False)  # what is shown is all there is
+        self.plot = Plot(item, "Error", "% of noticeable", x_title="Processor time of one call", x_unit="s")
+        self.plots.append(self.plot)
+        self.points = {
+            job: self.plot.points("Jobs" if job else "Methods", sensor_colour(2 if job else 1), symbol=symbol)
+            for job, symbol in ((False, "o"), (True, "s"))
+        }
+        self.noticed = self.plot.line(lambda t: t.muted, label="noticeable above")
+        accepted = self.plot.line(lambda t: t.ok, label="accepted below")
+        for line, corner, percent in ((self.noticed, (0, 1), 100.0), (accepted, (0, 0), 100.0 / MARGIN)):
+            line.label.anchors = [corner, corner]
+            line.label.setPosition(LABEL_SHARE)
+            line.setValue(math.log10(percent))
+        self.numbers = [self.plot.labels(anchor) for anchor in _ANCHORS]
+        self.inside.addWidget(controls.label(_KEY, "small", wrap=True, name="Key of the overview"))
 
-    def show_entries(self) -> None:
-        """Show the current titles and verdicts."""
-        with QSignalBlocker(self):
-            for row, (name, title) in enumerate(ROWS.items()):
-                self.item(row).setText(f"{title}\n{self.tradeoff.entry(name)}")
-            self.setCurrentRow(list(ROWS).index(self.tradeoff.shown))
+    def show_defaults(self) -> None:
+        """Draw what was measured."""
+        places = {
+            d.name: (math.log10(d.seconds), math.log10(100.0 * max(d.share, _LEAST_SHARE)))
+            for d in self.model.defaults
+            if d.measured
+        }
+        for job, layer in self.points.items():
+            chosen = [at for name, at in places.items() if (name in JOB_NAMES) is job]
+            layer.set(np.array([x for x, _ in chosen]), np.array([y for _, y in chosen]))
+        x, y = np.array(list(places.values())).reshape(-1, 2).T
+        self.plot.x_range(*framed(x))
+        self.plot.y_range(*framed(np.append(y, self.noticed.value())))
+        for labels, placed in zip(self.numbers, placed_numbers(places), strict=True):
+            labels.set(placed)
+        self.paint_theme(self.theme)
+
+    def columns(self) -> Columns:
+        """Return each default with its time and error."""
+        rows = [
+            (METHOD_NAMES[d.name], d.setting, d.seconds, d.per, d.error, d.unit, d.share)
+            for d in self.model.defaults
+            if d.measured
+        ]
+        names = ("method", "default", "processor time (s)", "for", "error", "unit", "error / noticeable error")
+        return tables.by_column(names, rows)
 
 
-class SettingsTable(WrappedTable):
-    """Every setting of a method, cheapest first."""
+def framed(values: FloatArray) -> tuple[float, float]:
+    """Return a range around logarithms, at least `LEAST_DECADES` and the margins."""
+    if not len(values):
+        return 0.0, LEAST_DECADES
+    low, high = float(values.min()), float(values.max())
+    margin = max(0.0, LEAST_DECADES - (high - low)) / 2 + MARGIN_DECADES * max(1.0, 0.3 * (high - low))
+    return low - margin, high + margin
+
+
+def placed_numbers(places: dict[str, tuple[float, float]]) -> list[list[tuple[float, float, str]]]:
+    """Return the numbers for each anchor: each beside its point, where it covers no other point or number."""
+    placed: list[list[tuple[float, float, str]]] = [[] for _ in _ANCHORS]
+    taken = [*places.values()]
+    for name, (x, y) in sorted(places.items(), key=lambda place: place[1]):
+        middles = [(x + _REACHES[0] * (0.5 - right), y + _REACHES[1] * (top - 0.5)) for right, top in _ANCHORS]
+        free = [
+            all(abs(at[0] - u) > _APART[0] or abs(at[1] - v) > _APART[1] for u, v in taken if (u, v) != (x, y))
+            for at in middles
+        ]
+        best = free.index(True) if any(free) else 0
+        placed[best].append((x, y, str(_NUMBERS[name])))
+        taken.append(middles[best])
+    return placed
+
+
+class DefaultsTable(WrappedTable):
+    """Every method with its default."""
 
     def __init__(self) -> None:
-        super().__init__("Settings of the method, cheapest first", _HEADINGS, stretched=(1,), right=(0, 2, 3))
-        self.explain({_HEADINGS.index("Use"): _USES})
+        super().__init__("Default of each method", _HEADINGS, stretched=(1, 2, 3, 4), right=(0, 5))
+        self.explain({_HEADINGS.index("Share"): SHARE_TIP})
 
-    def show_chart(self, chart: MethodChart | None) -> None:
-        """Show another method's settings."""
-        points = chart.points if chart is not None else ()
-        unit = chart.unit if chart is not None else ""
-        rows = [(str(p.number), p.setting, duration_text(p.seconds), error_text(p.error), p.symbols) for p in points]
-        tips = [
-            f"{p.setting}: {duration_text(p.seconds)}, {p.repeats} repeats within {duration_text(p.spread_s)}; "
-            f"error {error_text(p.error)} {unit}, within {error_text(p.error_spread)}"
-            for p in points
-        ]
-        self.fill(rows, tips)
+    def show_defaults(self, defaults: list[Default]) -> None:
+        """Show what was measured."""
+        self.fill([self._row(d) for d in defaults], [d.explanation for d in defaults])
+
+    @staticmethod
+    def _row(d: Default) -> tuple[str, ...]:
+        first = (str(_NUMBERS[d.name]), METHOD_NAMES[d.name], d.setting)
+        if not d.measured:
+            return (*first, "", "failed" if d.unit else "", "")
+        share = f"{number(100 * d.share, 0)} %" if d.share >= 0.01 else "< 1 %"
+        return (*first, f"{duration_text(d.seconds, 2)} for {d.per}", quantity(d.error, d.unit), share)
 
 
 class TradeoffPage(ReflowingPage):
-    """The trade-off page."""
+    """Speed and accuracy."""
 
-    def __init__(self, model: TradeoffModel, atlas: AtlasModel, precision: Precision, services: Services) -> None:
+    def __init__(self, model: TradeoffModel, precision: Precision, services: Services) -> None:
         super().__init__()
-        self.model, self.maps, self.precision, self.services = model, atlas, precision, services
-        self._revision = (-1, -1)
+        self.model, self.precision, self.services = model, precision, services
+        self._revision = -1
         self.model.measurer = measure_methods
-        self.methods = MethodList(model)
-        self.first = self.methods
-        self.chart, self.table = TradeoffCard(), SettingsTable()
-        self.overview, self.defaults = OverviewCard(model), DefaultsTable(model)
-        self.atlas = AtlasCard(atlas, services.notices.attempt)
-        self.explanation = controls.label("", "muted", wrap=True, name="The rule and its choice")
+        self.overview, self.defaults = OverviewCard(model), DefaultsTable()
         self.measured = controls.label("", "small", wrap=True)
-        controls.page_layout(self).addLayout(controls.row(self._side(), (self._right(), 1)))
+        defaults, _ = controls.card((self.defaults, 1))
+        self.tall = (self.overview, defaults)
+        shown = Shares("overview", services.preferences, (self.overview, 5), (defaults, 6))
+        controls.page_layout(self).addLayout(controls.row(self._side(), (shown, 1)))
 
     def _side(self) -> QWidget:
         levels = [(PRECISIONS[n], n) for n in LEVELS]
         tip = "Precision of optics, shadow, uncertainty and live plots"
-        self.level = controls.choice("Precision of the program", levels, self.precision.choose, tip=tip)
+        self.first = self.level = controls.choice("Precision of the program", levels, self.precision.choose, tip=tip)
         toggle = partial(self.services.notices.attempt, self.model.toggle)
         self.start = controls.button(MEASURE, toggle, "primary", tip=MEASURE_TIP)
         self.progress = QProgressBar()
         self.progress.setAccessibleName("Progress of the measurement")
         self.status = controls.label("", "small", wrap=True)
-        methods = controls.label("Methods", "subtitle"), (self.methods, 1)
         measurement = (self.start, self.progress, self.status, self.measured)
-        frame, _ = controls.card(*methods, *measurement, style.GAP, controls.label("Precision", "subtitle"), self.level)
+        parts: tuple[Any, ...] = (controls.label("Precision", "subtitle"), self.level, style.GAP)
+        frame, _ = controls.card(*parts, controls.label("Measurement", "subtitle"), *measurement, None)
         frame.setFixedWidth(style.PANE_WIDTH_NARROW + 4 * style.STEP)
         return frame
-
-    def _right(self) -> QVBoxLayout:
-        self.table_card, _ = controls.card((self.table, 1), self.explanation)
-        keep = self.services.preferences
-        self.upper = Shares("settings", keep, (self.chart, 9), (self.table_card, 8), beside=True)
-        self.one = Shares("trade-off", keep, (self.upper, 3), (self.atlas, 2))
-        defaults, _ = controls.card((self.defaults, 1))
-        self.all = Shares("overview", keep, (self.overview, 5), (defaults, 6))
-        self.rows, self.tall = (self.upper,), (self.chart, self.table_card, self.overview, defaults)
-        self.reflow()
-        right = controls.column((self.one, 1), (self.all, 1), spacing=style.GAP)
-        right.addStretch(0)  # takes the rest where only the small card of the maps is shown
-        return right
-
-    def reflow(self) -> None:
-        """Give chart and table their height where they are stacked."""
-        super().reflow()
-        self.upper.setMinimumHeight(2 * style.STACKED_HEIGHT + style.GAP if self.narrow else 0)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the progress of the measurement; the rest where it has changed."""
@@ -143,25 +191,8 @@ class TradeoffPage(ReflowingPage):
             self.progress.setValue(job.permille)
         controls.set_text(self.status, self.model.status())
         self.status.setVisible(bool(self.status.text()))
-        self.atlas.refresh()
-        revision = (self.model.revision, self.maps.revision)
-        if revision == self._revision:
-            return
-        self._revision = revision
-        self.methods.show_entries()
-        self.measured.setText(self.model.measured)
-        self.all.setVisible(self.model.shown == OVERVIEW)
-        self.one.setVisible(self.model.shown != OVERVIEW)
-        if self.model.shown == OVERVIEW:
+        if self._revision != self.model.revision:
+            self._revision = self.model.revision
+            self.measured.setText(self.model.measured)
             self.overview.show_defaults()
-            self.defaults.show_defaults()
-        else:
-            self._show_method(self.model.chart)
-
-    def _show_method(self, chart: MethodChart | None) -> None:
-        self.chart.heading.setText(ROWS[self.model.shown])
-        self.chart.show_chart(chart)
-        self.table.show_chart(chart)
-        self.atlas.show_method(self.model.shown)
-        self.upper.setVisible(self.model.shown in METHOD_NAMES)
-        self.explanation.setText(chart.explanation if chart else NOT_MEASURED)
+            self.defaults.show_defaults(self.model.defaults)

@@ -1,29 +1,24 @@
-"""The trade-off page: time against error of each method, as shipped or as measured on this computer.
+"""Speed and accuracy: time and error of each method's default, as shipped or as measured on this computer.
 
 The shipped measurement is shown until this computer has one of its own, which is kept beside the window's preferences.
-Points are numbered from the cheapest; the error of a setting that failed is infinite and not drawn.
 """
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from analysis.studies.tradeoff.measure import MARGIN, part_of_tolerance
 from analysis.studies.tradeoff.references import load
-from boat_daq.formatting import power_text, quantity
-from boat_daq.viewmodels.common.measured_result import MeasuredResult
-from boat_daq.viewmodels.common.preferences import Preferences
+from boat_daq.engine.toml_values import read_json
 from boat_daq.workflows import measured_methods
-from boat_daq.workflows.jobs import Job, JobRunner
+from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from protocol.base.errors import RequestError
+from protocol.base.whole_file import write_whole
 
-FRONT = "front"
-CHOICE = "the rule's choice"
-_SYMBOLS = {"default": "\u25cb", "chosen": "\u25a1"}
 METHOD_NAMES = {
     "tracer": "Ray tracer",
     "ranking": "Ranking of the designs",
@@ -43,203 +38,115 @@ METHOD_NAMES = {
 """Every method that can be measured, by its name in the command; a test compares it with the command's list."""
 JOB_NAMES = ("calibration", "report", "sweep", "shadow")
 """Methods that are whole jobs, from the input to the result."""
-MAPPED = {"fit": "Fit of the calibration", "figures": "SNR and hysteresis", "alarms": "Alarms of the shadow"}
-"""Methods that have a map of where they fail, but no chart of time against error."""
-ENTRIES = METHOD_NAMES | MAPPED
-OVERVIEW = "overview"
-ROWS = {OVERVIEW: "All methods"} | ENTRIES
-"""Entries of the page's list, by name."""
-_FILE = "tradeoff.json"
-_SHOWN = "tradeoff_shown"
+_JOB = "tradeoff"
+RESULT_MAX_BYTES = 4_000_000  # a hundred times the largest
 
 
 @dataclass(frozen=True, slots=True)
-class TradeoffPoint:
-    """One setting: processor time (s) and error with the ranges of their repeats, and its marks.
+class Default:
+    """The default of one method: processor time (s) of a call and error, NaN where it was not measured or failed.
 
-    Marks are "default", "chosen" by the rule, levels of precision, and "front" on the Pareto front.
+    `tolerance` is the least error that is noticed.
     """
 
-    number: int
-    setting: str
-    seconds: float
-    spread_s: float
-    error: float
-    error_spread: float
-    repeats: int
-    marks: tuple[str, ...]
+    name: str
+    setting: str = "not measured"
+    seconds: float = math.nan
+    per: str = ""
+    error: float = math.nan
+    tolerance: float = math.nan
+    unit: str = ""
+    explanation: str = ""
 
     @property
-    def drawn(self) -> bool:
+    def measured(self) -> bool:
         """Whether it has a place in the chart."""
         return math.isfinite(self.error) and self.seconds > 0
 
     @property
-    def symbols(self) -> str:
-        """Its uses as in the chart."""
-        return " ".join(_SYMBOLS.get(mark, mark[0].upper()) for mark in self.marks if mark != FRONT)
-
-
-@dataclass(frozen=True, slots=True)
-class MethodChart:
-    """One measured method; the rule accepts a setting whose error, times `margin`, is within the tolerance."""
-
-    name: str
-    reference: str
-    consumer: str
-    tolerance: float
-    margin: float
-    unit: str
-    per: str
-    default: str
-    chosen: str | None
-    points: tuple[TradeoffPoint, ...]
-
-    @property
-    def floor(self) -> float:
-        """Where an error of zero is drawn: below everything else."""
-        return min([p.error for p in self.points if p.error > 0 and p.drawn] + [self.tolerance / self.margin]) / 3
-
-    @property
-    def default_is_chosen(self) -> bool:
-        """Whether the rule chooses the default."""
-        return self.chosen == self.default
-
-    @property
-    def default_point(self) -> TradeoffPoint | None:
-        """The setting that the program uses by default; None where it was not measured or failed."""
-        return next((p for p in self.points if p.setting == self.default and p.drawn), None)
-
-    @property
-    def explanation(self) -> str:
-        """Where an error is noticed, the rule, and its choice."""
-        chosen = f"{self.chosen or 'none'}; the default is {self.default}"
-        if self.default_is_chosen:
-            chosen = f"the default, {self.default}"
-        return (
-            f"An error is noticeable above {quantity(self.tolerance, self.unit)}: {self.consumer}.\n"
-            f"The rule chooses the fastest setting whose error is at most {part_of_tolerance(self.margin)}: {chosen}.\n"
-            f"Errors are against {self.reference}."
-        )
-
-
-class DefaultPoint(NamedTuple):
-    """The default of one method in the overview; without `point` it was not measured."""
-
-    name: str
-    chart: MethodChart | None
-    point: TradeoffPoint | None
-
-    @property
     def share(self) -> float:
         """Its error divided by the least that is noticed; NaN without a measurement, never zero."""
-        if self.chart is None or self.point is None:
-            return math.nan
-        return max(self.point.error, self.chart.floor) / self.chart.tolerance
+        return self.error / self.tolerance
 
 
-def read_report(content: Any) -> dict[str, MethodChart]:
-    """Return the methods of a result, by name."""
+def read_report(content: Any) -> list[Default]:
+    """Return the default of every method, measured or not."""
     try:
-        margin = float(content.get("margin", MARGIN))
-        return {str(m["name"]): _method(m, margin) for m in content["methods"]}
+        found = {str(m["name"]): _default(m) for m in content["methods"]}
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise RequestError("this file is not a measured trade-off", "Measure this computer again.") from error
+    return [found.get(name, Default(name)) for name in METHOD_NAMES]
 
 
-def _method(m: Mapping[str, Any], margin: float) -> MethodChart:
-    rows = sorted(m["points"], key=lambda p: float(p["cpu_seconds"]))
-    return MethodChart(
-        str(m["name"]), str(m["reference"]), str(m["consumer"]), float(m["tolerance"]), margin, str(m["unit"]),
-        str(m["per"]), str(m["default"]), m["chosen"], tuple(_point(i, p, m) for i, p in enumerate(rows, 1)),
+def _default(m: Mapping[str, Any]) -> Default:
+    points = {str(p["setting"]): p for p in m["points"]}
+    setting, chosen = str(m["default"]), m["chosen"]
+    choice = "" if chosen == setting else f"\nHere {chosen or 'no setting'} would be the fastest that is exact enough."
+    explanation = f"Noticed by {m['consumer']}; measured against {m['reference']}.{choice}"
+    p = points.get(setting)
+    seconds, error = (math.nan, None) if p is None else (float(p["cpu_seconds"]), p["error"])
+    return Default(
+        str(m["name"]), setting, seconds, str(m["per"]), math.nan if error is None else float(error),
+        float(m["tolerance"]), str(m["unit"]), explanation,
     )  # fmt: skip
 
 
-def _point(place: int, p: Mapping[str, Any], m: Mapping[str, Any]) -> TradeoffPoint:
-    levels = {level: at["in_code"] for level, at in m.get("fidelity", {}).items() if level != "normal"}
-    uses = {"default": m["default"], "chosen": m["chosen"], **levels}
-    marks = [use for use, setting in uses.items() if setting == p["setting"]]
-    return TradeoffPoint(
-        place, str(p["setting"]), float(p["cpu_seconds"]), float(p["cpu_spread"]),
-        math.inf if p["error"] is None else float(p["error"]), float(p["error_spread"] or 0.0), int(p["repeats"]),
-        (*marks, *[FRONT] * (p["setting"] in m["front"])),
-    )  # fmt: skip
+class TradeoffModel:
+    """State of the page; `defaults` are those of `METHOD_NAMES`, in its order."""
 
-
-def error_text(error: float) -> str:
-    """Return an error at two digits; `failed` where the setting has none."""
-    return power_text(error, digits=2) if math.isfinite(error) else "failed"
-
-
-class TradeoffModel(MeasuredResult):
-    """State of the page."""
-
-    name, noun, again = "tradeoff", "result", "measure again"
-
-    def __init__(self, jobs: JobRunner, folder: Path, preferences: Preferences) -> None:
-        self.preferences = preferences
+    def __init__(self, jobs: JobRunner, folder: Path) -> None:
+        self.jobs, self.path = jobs, folder / "tradeoff.json"
         self.measurer: Callable[..., dict[str, Any]] = (
             measured_methods.measure_methods
-        )  # the window has one that paints, too
-        self.charts: dict[str, MethodChart] = {}
-        super().__init__(jobs, folder / _FILE)
-        self.own = self.content is not None
+        )  # the window has one that paints
+        self.revision = 0
+        self.problem = ""
+        self.own = False
+        try:
+            if self.path.exists():
+                self.take(read_json(self.path, RESULT_MAX_BYTES), own=True)
+        except RequestError:
+            self.problem = "the last result could not be read; measure again"
         if not self.own:
-            problem = self.problem
-            self.take(load("measured"))
-            self.problem = problem
+            self.take(load("measured"), own=False)
 
     @property
-    def shown(self) -> str:
-        """Name of the method that is shown, or `OVERVIEW`."""
-        name = str(self.preferences.get(_SHOWN, ""))
-        return name if name in ROWS else OVERVIEW
-
-    def show(self, name: str) -> None:
-        """Show a method, or all of them."""
-        self.preferences.set(_SHOWN, name)
-        self.revision += 1
-
-    @property
-    def chart(self) -> MethodChart | None:
-        """The chart of the shown method, where it was measured."""
-        return self.charts.get(self.shown)
-
-    @property
-    def defaults(self) -> list[DefaultPoint]:
-        """The default of each method, for the overview."""
-        charts = {name: self.charts.get(name) for name in METHOD_NAMES}
-        return [DefaultPoint(name, chart, chart.default_point if chart else None) for name, chart in charts.items()]
-
-    @property
-    def measured(self) -> str:
-        """The computer and the date of the measurement, in a line."""
-        machine = (self.content or {}).get("machine", {})
-        where = "this computer" if self.own else "the computer of the shipped measurement"
-        return f"Measured on {where} ({machine.get('processor')}), {str(machine.get('date_utc'))[:10]}"
-
-    def entry(self, name: str) -> str:
-        """Return the second line of a method in the list."""
-        chart = self.charts.get(name)
-        if name in MAPPED:
-            return "map only"
-        if name == OVERVIEW:
-            return "default of each: time, error"
-        if chart is None:
-            return "not measured"
-        return "\u25cf default confirmed" if chart.default_is_chosen else "\u25b2 the rule chose another"
+    def job(self) -> Job | None:
+        """Return the running measurement."""
+        return self.jobs.get(_JOB)
 
     def toggle(self) -> None:
         """Start measuring this computer, or stop."""
-        self._toggle(Job("Measuring this computer", self.measurer))
+        if self.job is not None:
+            self.jobs.cancel(_JOB)
+            return
+        self.jobs.start(_JOB, Job("Measuring this computer", self.measurer), self._ended)
+        self.problem = ""
+
+    def _ended(self, job: Job) -> None:
+        if job.state is JobState.DONE:
+            self.take(job.result, own=True)
+            self._store(job.result)
+        elif job.failure is not None:
+            self.problem = job.failure.text
+
+    def take(self, content: Any, *, own: bool) -> None:
+        """Show a result of this computer, or of another."""
+        self.defaults, self.own = read_report(content), own
+        machine = content.get("machine", {})
+        where = "this computer" if own else "the computer of the shipped measurement"
+        self.measured = f"Measured on {where} ({machine.get('processor')}), {str(machine.get('date_utc'))[:10]}"
+        self.revision += 1
+
+    def _store(self, content: Any) -> None:
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            write_whole(self.path, json.dumps(content, indent=1, ensure_ascii=False))
+        except OSError as error:
+            self.problem = f"the result could not be stored for the next start: {error.strerror}"
 
     def status(self) -> str:
         """Return the progress of the measurement, or what went wrong, in a line."""
-        return self._progress_text()
-
-    def _read(self, content: Any) -> None:
-        self.charts = read_report(content)
-
-    def _joined(self, fresh: dict[str, Any]) -> dict[str, Any]:
-        self.own = True
-        return fresh
+        if (job := self.job) is not None:
+            return f"{job.label} \u2026 {round(100 * (job.fraction or 0.0))} %"
+        return f"\u25b2 {self.problem}" if self.problem else ""

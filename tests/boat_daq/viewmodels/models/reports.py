@@ -20,23 +20,3 @@ def report(name="inverse", processor="this one", date="2026-01-02T00:00:00", poi
     return {
         "machine": {"processor": processor, "date_utc": date}, "quick": True, "margin": 2.0, "methods": [method]
     }  # fmt: skip
-
-
-def swept(method, name="map", outcome="works"):
-    """A result of the atlas with one map of one place."""
-    axis = {"name": "x", "unit": "", "values": [1.0]}
-    return {
-        "maps": [
-            {
-                "name": name,
-                "method": method,
-                "title": "A map",
-                "truth": "truth",
-                "unit": "mm",
-                "tolerance": 0.1,
-                "x": axis,
-                "y": axis,
-                "cells": [[{"outcome": outcome, "error": None, "said": ""}]],
-            }
-        ]
-    }

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def record(
-    port: Annotated[str, typer.Option(help="Serial port, pty, socket://HOST:PORT or replay:FILE[@SPEED].")],
+    port: Annotated[str, typer.Option(help="Serial port, pty or socket://HOST:PORT.")],
     profile: Annotated[Path | None, typer.Option(help="Text profile (TOML) of other firmware.")] = None,
     plan: Annotated[str | None, typer.Option(help="calibration, repeatability, step-test, ... or a TOML file.")] = None,
     cycles: Annotated[int | None, typer.Option(help="Cycles, in place of the plan's.", min=1)] = None,

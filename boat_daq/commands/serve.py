@@ -34,7 +34,7 @@ COMMAND_CLASS = ServeCommand
 
 
 def serve(
-    port: Annotated[str, typer.Option(help="Serial port, pty, socket://HOST:PORT or replay:FILE[@SPEED].")],
+    port: Annotated[str, typer.Option(help="Serial port, pty or socket://HOST:PORT.")],
     profile: Annotated[Path | None, typer.Option(help="Text profile (TOML) of other firmware.")] = None,
     unit: Annotated[str, typer.Option(help="Name of the unit: its limits hold, its calibration gives mm.")] = "",
     lsl: Annotated[bool, typer.Option("--lsl", help="Stream samples and markers over LSL, on this computer.")] = False,

@@ -110,7 +110,6 @@ class MessageKind(enum.StrEnum):
     # the session
     LINK_FAILED = "link_failed"
     BOARD_FOUND = "board_found"
-    REPLAY_ENDED = "replay_ended"
     STORAGE = "storage"
     BACKUP_USED = "backup_used"
     UNIT_LIMITS = "unit_limits"

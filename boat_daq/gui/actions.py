@@ -34,7 +34,7 @@ DERIVED = (
 )
 CONTENTS = {  # what an operator types to find a page or a tab
     Page.MEASURE: "live run plot",
-    Page.RECORDINGS: "runs units export replay compare recover report history",
+    Page.RECORDINGS: "runs units export compare recover report history",
     Tab.CALIBRATION: "calibrate fit curve hysteresis",
     Tab.REPEATABILITY: "repeat drift hysteresis cycles",
     Tab.OPTICS: "light rays design cavities sweep",
@@ -274,7 +274,6 @@ def recordings(window: MainWindow) -> list[Command]:
         command("Add a marker to it …", "marker", also="event moment"),
         command("State its metadata …", "metadata", also="customer item serial number ambient"),
         command("Resume this run", "resume"),
-        command("Replay it in real time", "replay"),
         command("Export it as CSV …", "export"),
         command("Export it as Parquet …", "export", 1),
         command("Report of the selected runs …", "report", also="pdf html print"),

@@ -31,7 +31,7 @@ class ConnectPanel(QDialog):
         self.port = QComboBox()
         self.port.setEditable(True)
         self.port.setAccessibleName("Port")
-        hint = "a port, socket://HOST:PORT or replay:FILE"
+        hint = "a port, or socket://HOST:PORT"
         self.port.setLineEdit(controls.field("Port", on_enter=self.connect_board, placeholder=hint))
         self.port.activated.connect(lambda _: self._propose_unit())
         self.unit = controls.field("Unit connected to the board", connection.bench_unit, width=3 * style.CONTROL_HEIGHT)

@@ -102,7 +102,6 @@ class AppModel:
         self.run_actions = RunActions(
             calibrate=self.calibration.analyse,
             resume=self.run.resumption.resume,
-            replay=self.connection.replay,
             unit=lambda: self.unit.name(self.snapshot),
         )
         self.unit_choice = UnitChoice(self.preferences, self._use_units)

@@ -14,8 +14,8 @@ import pytest
 from boat_daq.engine.display.ring_buffer import MinMaxPyramid, RingBuffer
 from boat_daq.engine.link.block import Block
 from boat_daq.engine.link.health import LinkHealth
+from boat_daq.engine.link.ports import open_transport
 from boat_daq.engine.link.reader import PortReader
-from boat_daq.engine.link.transports import open_transport
 from boat_daq.engine.recording.file import RecordingFile
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.rows import RowMaker

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from analysis.cluster import check_scheduler
-from boat_daq.engine.link.transports import open_transport
+from boat_daq.engine.link.ports import open_transport
 from boat_daq.engine.simulator.server import TcpCarrier
 from protocol.base.errors import DeviceError, RequestError
 

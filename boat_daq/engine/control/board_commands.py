@@ -56,13 +56,12 @@ class BoardCommands:
     Attributes
     ----------
     can_command : False where no pressure can be commanded; then nothing is sent but IDENTIFY, START and STOP.
-    can_write : False for a replay; then nothing is sent at all.
     whole_contract : False for firmware behind a text profile, which may have no watchdog and no limits of its own.
     """
 
     def __init__(self, emit: Callable[[Effect], None]) -> None:
         self._emit = emit
-        self.can_command = self.can_write = self.whole_contract = True
+        self.can_command = self.whole_contract = True
         self.feeder = Feeder()
         self.meter = SpeedMeter()
         self.identifying = False
@@ -104,7 +103,7 @@ class BoardCommands:
     def send(self, command: Command, *, feeds: bool = False) -> None:
         """Send a command, where the link takes it; `feeds` as in `Send`."""
         harmless = isinstance(command, messages.Identify | messages.Start | messages.Stop)
-        if not self.can_write or not (self.can_command or harmless):
+        if not (self.can_command or harmless):
             return
         if isinstance(command, Vent):
             self.vent_sent()

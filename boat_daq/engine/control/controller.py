@@ -93,10 +93,6 @@ class Controller:
         self.stream.opened(now_ns)
         self.board.begin()
 
-    def listen(self, mv_per_count: float) -> None:
-        """Take samples without a HELLO: a replay."""
-        self.mv_per_count, self.board.identifying = mv_per_count, False
-
     def link_lost(self, cause: str) -> None:
         """End what depended on a port that is gone. Nothing can be sent: the board's watchdog vents."""
         self.stream.begun = False

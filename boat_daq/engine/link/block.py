@@ -17,7 +17,7 @@ from protocol.link.events import LinkEvent
 
 @dataclass(frozen=True, slots=True)
 class PortLost:
-    """The port is gone. Unplugged, closed at the other end, or at the end of a replay. No block follows."""
+    """The port is gone. Unplugged, or closed at the other end. No block follows."""
 
     error: DeviceError
 

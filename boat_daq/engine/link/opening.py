@@ -1,4 +1,4 @@
-"""Open a port together with its decoder: for a board, for firmware that prints text, or for a recording.
+"""Open a port together with its decoder: for a board, or for firmware that prints text.
 
 Identify the board on a port, with IDENTIFY and no other command; the port is closed afterwards.
 
@@ -9,7 +9,6 @@ board used before (stored with the unit), or the operator has chosen it.
 
 from __future__ import annotations
 
-import json
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -19,16 +18,14 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from boat_daq.engine.link.ports import list_ports
-from boat_daq.engine.link.replay import ReplayTransport
-from boat_daq.engine.link.transports import Transport, open_transport
+from boat_daq.engine.link.ports import Transport, list_ports, open_transport
 from boat_daq.engine.settings import Settings
 from boat_daq.engine.toml_values import read_text
 from protocol.base.errors import DeviceError
 from protocol.link.connection import Connection
 from protocol.link.events import Link, WrongProtocol
 from protocol.link.messages import Hello, Identify
-from protocol.recording import open_recording, read_session, session_channels
+from protocol.recording import session_channels
 from protocol.text.connection import TextConnection
 from protocol.text.profile import TextProfile, load_profile
 
@@ -37,27 +34,13 @@ from protocol.text.profile import TextProfile, load_profile
 class OpenPort:
     """A port and its decoder.
 
-    `profile` is the text profile's TOML, `replayed` the metadata of a replayed recording. `simulated` is what either of
-    them states of the device.
+    `profile` is the text profile's TOML; `simulated` is what it states of the device.
     """
 
     transport: Transport
     link: Link
     profile: str | None = None
-    replayed: dict[str, Any] | None = None
     simulated: bool = False
-
-    @property
-    def can_command(self) -> bool:
-        """Whether pressure can be commanded."""
-        return self.transport.can_write and self.link.can_command
-
-    @property
-    def why_read_only(self) -> str:
-        """Why it cannot; empty where it can."""
-        if not self.transport.can_write:
-            return "a replay takes no commands"
-        return self.link.cannot_command_reason
 
 
 def open_port(url: str, profile: str | None, settings: Settings) -> OpenPort:
@@ -66,13 +49,7 @@ def open_port(url: str, profile: str | None, settings: Settings) -> OpenPort:
     stated = None if text is None else load_profile(text + "\n")
     link: Link = Connection(in_turn=True) if stated is None else TextConnection(stated)
     transport = open_transport(url, baud=settings.baud, allow_remote=settings.allow_remote)
-    if not isinstance(transport, ReplayTransport):
-        return OpenPort(transport, link, text, simulated=stated is not None and stated.simulated)
-    with closing(open_recording(transport.path)) as db:
-        meta = read_session(db)
-        first = db.execute("SELECT decoder FROM segment ORDER BY id LIMIT 1").fetchone()
-    state = json.loads(first[0]) if first and first[0] else None
-    return OpenPort(transport, open_link(meta, state), meta["profile"], meta, bool(meta["simulated"]))
+    return OpenPort(transport, link, text, simulated=stated is not None and stated.simulated)
 
 
 def open_link(meta: dict[str, Any], decoder_state: dict[str, Any] | None) -> Link:

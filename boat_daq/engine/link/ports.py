@@ -19,7 +19,7 @@ import socket
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import TypeAlias, TypeVar
 from urllib.parse import urlsplit
 
 import serial
@@ -82,8 +82,6 @@ def find_port(wanted: PortInfo) -> str | None:
 
 class SerialTransport:
     """A serial device or a pseudo-terminal, through pyserial. Exclusive, so that a second program is refused."""
-
-    can_write = True
 
     def __init__(self, port: str, baud: int = DEFAULT_BAUD) -> None:
         self.description = port
@@ -157,8 +155,6 @@ def _write_all(port: serial.Serial, data: bytes) -> None:
 
 class SocketTransport:
     """A TCP port: a board behind a network adapter, or a virtual board."""
-
-    can_write = True
 
     def __init__(self, url: str, *, allow_remote: bool = False) -> None:
         self.description = url
@@ -262,3 +258,20 @@ def _is_loopback(host: str) -> bool:
     except OSError:
         return False
     return all(str(address).startswith("127.") or address == "::1" for address in addresses)
+
+
+Transport: TypeAlias = SerialTransport | SocketTransport
+
+
+def open_transport(url: str, *, baud: int = DEFAULT_BAUD, allow_remote: bool = False) -> Transport:
+    """Open a port.
+
+    Parameters
+    ----------
+    url : a serial device or pseudo-terminal ("COM3", "/dev/ttyACM0"), or "socket://host:port".
+    baud : baud rate of a serial device, 8N1.
+    allow_remote : let "socket://" leave this machine; the connection is neither encrypted nor authenticated.
+    """
+    if url.startswith("socket://"):
+        return SocketTransport(url, allow_remote=allow_remote)
+    return SerialTransport(url, baud)

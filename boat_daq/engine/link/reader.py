@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 from boat_daq.engine.link.block import Block, EngineEvent, PortLost, PortSilent, Sink, SinkFailed
-from boat_daq.engine.link.transports import Transport
+from boat_daq.engine.link.ports import Transport
 from boat_daq.engine.log import note
 from protocol.base.errors import DeviceError
 from protocol.link.events import Link, LinkEvent, LinkStatistics

@@ -26,8 +26,6 @@ from boat_daq.engine.snapshot import CameraReading, MessageKind, RunEnding, Sess
 from protocol.base.errors import RequestError, StorageError
 from protocol.recording import DerivedColumns, Metadata, RunEnd
 
-_OF_THE_BOARD = ("board_id", "vref_mv", "adc_bits", "polarity", "rate_hz", "unit", "limits_pa")
-
 
 class ActiveRecording:
     """Begins and ends the recording of one session. `since_us`: board time sampled before the present one."""
@@ -147,7 +145,7 @@ class ActiveRecording:
         port = self._link.port
         assert port is not None
         hello, limits, plan = control.hello, control.interlock.limits, control.sequencer.plan
-        described = {
+        return {
             "operator": self._settings().operator,
             "unit": self._unit.name,
             "note": "",
@@ -166,7 +164,6 @@ class ActiveRecording:
             "plan": dataclasses.asdict(plan) if plan else None,
             "derived": [list(channel) for channel in self._derived().channels],
         }
-        return described if port.replayed is None else described | {key: port.replayed[key] for key in _OF_THE_BOARD}
 
     def _storage_failed(self, error: StorageError) -> None:
         """Abort the run, on the recorder's thread: no run without its record."""

@@ -22,9 +22,7 @@ from boat_daq.engine.link.health import LinkHealth
 from boat_daq.engine.link.opening import OpenPort, open_port
 from boat_daq.engine.link.ports import PortInfo, find_port, usb_port
 from boat_daq.engine.link.reader import PortReader, raise_priority
-from boat_daq.engine.link.replay import ReplayEnded
 from boat_daq.engine.log import note_failure
-from boat_daq.engine.sample_columns import mv_per_count
 from boat_daq.engine.session.journal import Journal
 from boat_daq.engine.settings import Settings
 from boat_daq.engine.snapshot import HealthSnapshot, LinkError, LinkState, MessageKind, SessionState
@@ -104,7 +102,7 @@ class LinkSupervisor:
     def send(self, command: Command, *, feeds: bool = False) -> bool:
         """Write a command without the session's lock; return whether the port took it."""
         reader = self.reader
-        if reader is None or not reader.transport.can_write:
+        if reader is None:
             return False
         try:
             if feeds and isinstance(command, Heartbeat):
@@ -120,8 +118,8 @@ class LinkSupervisor:
         return self.health.snapshot() if self.health is not None else None
 
     def simulated(self, hello: Hello | None) -> bool:
-        """Return whether the samples are those of a virtual board, by its HELLO, its profile, or the replayed file."""
-        if self.port is not None and (self.port.replayed is not None or self.port.profile is not None):
+        """Return whether the samples are those of a virtual board, by its HELLO or its profile."""
+        if self.port is not None and self.port.profile is not None:
             return self.port.simulated
         return hello is not None and hello.simulated
 
@@ -176,11 +174,9 @@ class LinkSupervisor:
             return
         self._usb = usb_port(self.url)
         self._attach(port)
-        if port.replayed is not None:
-            self._play()
 
     def _attach(self, port: OpenPort) -> None:
-        """Begin to read a port that has just been opened. The reading of a replay begins in `_play`."""
+        """Begin to read a port that has just been opened."""
         reader = PortReader(port.transport, port.link)
         with self._acting() as control:
             health = LinkHealth(
@@ -194,14 +190,11 @@ class LinkSupervisor:
             self.port, self.reader, self.health = port, reader, health
             self._lost = self._refused = None
             self._heard = False
-            control.board.can_command, control.board.can_write = port.can_command, port.transport.can_write
+            control.board.can_command = port.link.can_command
             control.board.whole_contract = port.profile is None
-            control.preflight.why_read_only = port.why_read_only
-            if port.replayed is None:
-                reader.start()
+            control.preflight.why_read_only = port.link.cannot_command_reason
+            reader.start()
             control.link_opened(time.monotonic_ns())
-            if port.replayed is not None:
-                control.listen(mv_per_count(port.replayed))
 
     def _detach(self) -> None:
         """Stop reading and close the port. Waits for the reading thread, so never under the lock."""
@@ -209,14 +202,6 @@ class LinkSupervisor:
             reader, self.reader = self.reader, None
         if reader is not None:
             reader.stop()
-
-    def _play(self) -> None:
-        """Start a replay; it waits for no START, so `greeted` is called first."""
-        if self._greeted is not None:
-            self._greet()
-        if self.reader is not None:  # it is gone where that failed
-            self.state = LinkState.UP
-            self.reader.start()
 
     def _watch_opening(self) -> None:
         """Wait for the board to identify itself, but not for ever."""
@@ -282,11 +267,6 @@ class LinkSupervisor:
 
     def _lose(self, error: DeviceError) -> None:
         self._detach()
-        if isinstance(error, ReplayEnded):
-            self._tell(MessageKind.REPLAY_ENDED, "info", error.cause)
-            self._end_recording(RunEnd.FINISHED)
-            self.state = LinkState.CLOSED
-            return
         with self._acting() as control:
             control.link_lost(error.cause)
             self._expected_id = control.hello.board_id if control.hello else None

@@ -200,7 +200,7 @@ class Session:
 
         Parameters
         ----------
-        port : a device's path or name, socket://HOST:PORT, replay:FILE[@SPEED].
+        port : a device's path or name, or socket://HOST:PORT.
         profile : a text profile's path or TOML for a board that does not use the BOAT protocol.
         rate_hz : samples per second requested of the board; the setting's when None.
         unit : name of the unit under test (SA1 ..), whose limits then hold.
@@ -243,9 +243,9 @@ class Session:
             time.sleep(_POLL_S)
 
     def wait_connected(self, timeout_s: float = 8.0) -> SessionSnapshot:
-        """Block until the link is UP, or was. A short replay is over before the first look."""
+        """Block until the link is UP."""
         seen = self.wait(lambda s: s.link in (LinkState.UP, LinkState.FAILED, LinkState.CLOSED), timeout_s)
-        if seen.link is LinkState.UP or (seen.link is LinkState.CLOSED and seen.last is not None):
+        if seen.link is LinkState.UP:
             return seen
         none = LinkError(f"no samples within {timeout_s:g} s", "check the board and its cable")
         cause, remedy, command = seen.link_error or none
@@ -486,7 +486,7 @@ class Session:
                 hello=control.hello,
                 simulated=self._link.simulated(control.hello),
                 can_command=up and control.board.can_command,
-                why_read_only=port.why_read_only if port and up else "",
+                why_read_only=port.link.cannot_command_reason if port and up else "",
                 health=health,
                 speed=control.board.meter.speed,
                 limits=control.interlock.limits,

@@ -53,7 +53,6 @@ from protocol.base.arrays import FloatArray
 from protocol.base.units import as_text
 
 Index = QModelIndex | QPersistentModelIndex
-_SPEEDS = (1, 5, 20, 100)
 EXPORTS = {"CSV": "csv", "Parquet": "parquet", "HDF5": "h5", "MATLAB": "mat"}  # in the menu, and the suffix
 LEAST_LINES = 3  # of the list; a lower window scrolls the page
 LEAST_SPAN_MV = 0.1  # of a comparison, so that noise looks small
@@ -176,10 +175,6 @@ class RunsPage(QWidget):
             else:
                 key, text, act = entry
                 actions[key] = self.menu.addAction(text, act)
-        replay = QMenu("Replay", self.menu)
-        for speed in _SPEEDS:
-            replay.addAction(f"{speed} times real time", partial(self._replay, speed))
-        actions["replay"] = self.menu.insertMenu(actions["resume"], replay)
         return actions
 
     def _run_buttons(self) -> dict[str, QPushButton]:
@@ -275,8 +270,7 @@ class RunsPage(QWidget):
     def press(self, key: str, entry: int = 0) -> None:
         """Do an action; where it has a menu, take one of its entries."""
         if key in self.actions_:
-            action, menu = self.actions_[key], self.actions_[key].menu()
-            (menu.actions()[entry] if isinstance(menu, QMenu) else action).trigger()
+            self.actions_[key].trigger()
             return
         button, menu = self.buttons[key], self.buttons[key].menu()
         (menu.actions()[entry].trigger if menu is not None else button.click)()
@@ -294,9 +288,6 @@ class RunsPage(QWidget):
         for path in self._paths()[:1]:
             if self.services.notices.attempt(partial(action, path)) and page is not None:
                 self.services.show(page)
-
-    def _replay(self, speed: int) -> None:
-        self._run(lambda path: self.other_pages.replay(path, speed), Page.MEASURE)
 
     def _edit(self, path: Path) -> None:
         units = self.model.shown_units
@@ -346,7 +337,7 @@ class RunsPage(QWidget):
         chosen = self.selected()
         for key in ("open", "report", "export"):
             controls.allow(self.buttons[key], obstacle(key, chosen))
-        for key in ("readings", "replay", "compare", "rename", "note", "marker", "metadata"):
+        for key in ("readings", "compare", "rename", "note", "marker", "metadata"):
             why = obstacle(key, chosen)
             self.actions_[key].setEnabled(not why)
             self.actions_[key].setStatusTip(why)

@@ -75,9 +75,7 @@ def link_text(snapshot: SessionSnapshot) -> LinkText:
 
 
 def short_port(port: str) -> str:
-    """Return a port shortened for the header: a replay by the name of its file, a long name by its end."""
-    if port.startswith("replay:"):
-        return f"replay of {Path(port.removeprefix('replay:').partition('@')[0]).name}"
+    """Return a port shortened for the header: a long name by its end."""
     return port if len(port) <= LONGEST_PORT else f"\u2026{port[-LONGEST_PORT:]}"
 
 
@@ -266,10 +264,6 @@ class ConnectionModel:
         if self.board is None or port != self.board.url:
             self._preferences.set("port", port.strip())
         self._preferences.set("profile", profile)
-
-    def replay(self, path: Path, speed: float) -> None:
-        """Play a recording as if it came from a board, `speed` times as fast."""
-        self.session.connect(f"replay:{path}@{speed:g}", unit=self.unit)
 
     def disconnect(self) -> None:
         """Vent and close the link; end the virtual board."""

@@ -61,7 +61,6 @@ class RunActions:
 
     calibrate: Callable[[Path], None]
     resume: Callable[[Path], None]
-    replay: Callable[[Path, float], None]
     unit: Callable[[], str]
 
 

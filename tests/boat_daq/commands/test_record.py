@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from boat_daq.engine.plan import built_in_plans
-from boat_daq.engine.session.session import Session
-from boat_daq.engine.settings import Settings, Unit, UnitLibrary
+from boat_daq.engine.settings import Unit, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings
 from boat_daq.workflows.run_session import SessionRequest, run_session
 from protocol.base.errors import BoatDaqError, RequestError
@@ -118,13 +117,3 @@ def test_refusal_while_recording_reports_the_recording(tmp_path: Path, capsys: p
         run_session(SessionRequest(board.url, run, built_in_plans()["calibration"]), notify=print)
     assert run.exists()
     assert f"{run} holds the samples until then" in capsys.readouterr().out
-
-
-def test_replay_cannot_run_a_plan(tmp_path: Path) -> None:
-    """A replay takes no commands, and the refusal gives that reason."""
-    session = Session(Settings(), UnitLibrary(tmp_path))
-    session.connect(f"replay:{RECORDING}@5")
-    session.wait_connected()
-    with pytest.raises(RequestError, match="read only: a replay takes no commands"):
-        session.arm(built_in_plans()["calibration"])
-    session.close()

@@ -18,8 +18,7 @@ from typer.testing import CliRunner
 from boat_daq.commands.board import ports
 from boat_daq.engine.link import opening
 from boat_daq.engine.link.opening import identify_port
-from boat_daq.engine.link.ports import PortInfo
-from boat_daq.engine.link.transports import open_transport
+from boat_daq.engine.link.ports import PortInfo, open_transport
 from boat_daq.engine.settings import Unit, UnitLibrary
 from protocol.link.messages import MessageType
 from protocol.simulator.board import VirtualBoard

@@ -6,29 +6,19 @@ import errno
 import io
 import os
 import pty
-import shutil
 import socket
-import sqlite3
 import termios
 import threading
 import time
 import tty
 from collections.abc import Iterator
-from contextlib import closing
-from pathlib import Path
 
-import numpy as np
 import pytest
 import serial
 
-from boat_daq.engine.link import ports, replay
-from boat_daq.engine.link.ports import SerialTransport, list_ports, open_error
-from boat_daq.engine.link.replay import ReplayEnded
-from boat_daq.engine.link.transports import open_transport
+from boat_daq.engine.link import ports
+from boat_daq.engine.link.ports import SerialTransport, list_ports, open_error, open_transport
 from protocol.base.errors import DeviceError
-from protocol.recording import open_recording
-from protocol.simulator.board import VirtualBoard
-from tests.boat_daq.engine.board_link import record_run
 
 EVERY_BYTE = bytes(range(256)) * 4
 
@@ -251,82 +241,6 @@ def test_socket_addresses_are_checked(url, text):
     """No connection leaves this machine unless allowed, and a wrong address is refused."""
     with pytest.raises(DeviceError, match=text):
         open_transport(url)
-
-
-@pytest.fixture(scope="module")
-def recording(tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp("replay") / "run @2 é.boat"
-    record_run(path, VirtualBoard(seed=1), 5.0)
-    return path
-
-
-def raw_of(path: Path) -> bytes:
-    db = open_recording(path)
-    raw = b"".join(row[0] for row in db.execute("SELECT raw FROM chunk WHERE direction = 0 ORDER BY id"))
-    db.close()
-    return raw
-
-
-def test_a_replay_gives_the_bytes_that_came(recording):
-    """All bytes from the board, in order, none of those sent to it; then its end, which is no data loss."""
-    port = open_transport(f"replay:{recording}@max")
-    raw = raw_of(recording)
-    assert read_all(port, len(raw)) == raw
-    with pytest.raises(ReplayEnded):
-        port.read()
-    assert not port.can_write
-    with pytest.raises(DeviceError, match="takes no commands"):
-        port.write(b"x")
-
-
-def test_a_replay_keeps_time(recording):
-    """At speed 2 the recording takes half as long as it took."""
-    db = open_recording(recording)
-    first, last = db.execute("SELECT min(host_ns), max(host_ns) FROM chunk WHERE direction = 0").fetchone()
-    db.close()
-    port = open_transport(f"replay:{recording}@2")
-    began = time.monotonic()
-    read_all(port, len(raw_of(recording)))
-    assert time.monotonic() - began >= (last - first) / 2e9
-
-
-def test_a_fast_board_is_replayed_in_board_time(recording, tmp_path):
-    """What came 20 times faster than real time plays in the time that passed on the board, not on the host."""
-    path = tmp_path / "fast.boat"
-    shutil.copy(recording, path)
-    with closing(sqlite3.connect(path)) as db, db:
-        db.execute("UPDATE chunk SET host_ns = id * (SELECT 250000000 / max(id) FROM chunk)")  # 5 s in 0.25 s
-        db.execute("UPDATE segment SET host_ns = 0")
-        first, last = db.execute("SELECT min(first_time_us), max(last_time_us) FROM block").fetchone()
-    port = open_transport(f"replay:{path}@10")
-    began = time.monotonic()
-    read_all(port, len(raw_of(path)))
-    assert time.monotonic() - began >= 0.9 * (last - first) / 10e6
-
-
-def test_a_fast_board_is_replayed_evenly(recording, tmp_path):
-    """Bursts of a board at 100 times real time are replayed evenly: no pause of a second, no byte lost."""
-    path = tmp_path / "bursts.boat"
-    shutil.copy(recording, path)
-    with closing(sqlite3.connect(path)) as db, db:
-        db.execute("UPDATE chunk SET host_ns = id / 20 * 20 * (SELECT 250000000 / max(id) FROM chunk)")
-        db.execute("UPDATE segment SET host_ns = 0")
-        first, last = db.execute("SELECT min(first_time_us), max(last_time_us) FROM block").fetchone()
-    played = list(replay._chunks(path))
-    assert b"".join(raw for _, raw in played) == raw_of(path)
-    times = np.array([at for at, _ in played])
-    assert times[-1] == pytest.approx((last - first) / 1e6, rel=0.05)
-    assert 0 <= np.diff(times).min() <= np.diff(times).max() < 0.1
-
-
-@pytest.mark.parametrize(
-    ("tail", "text"),
-    [("@0", "does not advance"), ("@-1", "does not advance"), ("@fast", "not a speed"), ("@nan", "does not advance")],
-)
-def test_a_replay_at_no_speed_is_refused(recording, tail, text):
-    """The speed is a positive number or max."""
-    with pytest.raises(DeviceError, match=text):
-        open_transport(f"replay:{recording}{tail}")
 
 
 @pytest.mark.parametrize(("addresses", "near"), [(["127.0.0.1", "::1"], True), (["127.0.0.1", "192.0.2.7"], False)])

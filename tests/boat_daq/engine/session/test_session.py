@@ -18,7 +18,7 @@ from typing import Any
 import pytest
 
 from analysis import load_recording
-from boat_daq.engine.plan import Plan, built_in_plans
+from boat_daq.engine.plan import Plan
 from boat_daq.engine.session.reading_sources import enter_simulated_readings
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, Unit, UnitLibrary
@@ -357,44 +357,6 @@ def test_a_recording_needs_a_board_and_a_folder(session: Session, tmp_path: Path
         session.start_recording(tmp_path / "a.boat")
         with pytest.raises(RequestError, match="is being recorded"):
             session.start_recording(tmp_path / "b.boat")
-
-
-def test_a_recording_replayed_is_read_only(session: Session, tmp_path: Path) -> None:
-    """The bytes of a recording give the same last sample again, and no pressure can be commanded."""
-    path = tmp_path / "a.boat"
-    with serve_in_thread(BoardSettings(speed=20.0)) as board:
-        session.connect(board.url)
-        session.wait_connected()
-        session.start_recording(path)
-        session.wait(lambda s: s.recorded_s > 20.0, 10)
-        session.disconnect()
-        session.wait(lambda s: s.link is LinkState.CLOSED, 10)
-    session.connect(f"replay:{path}@5")
-    seen = session.wait_connected()
-    assert not seen.can_command and "replay" in seen.why_read_only and seen.simulated
-    with pytest.raises(RequestError, match="read only"):
-        session.arm(built_in_plans()["calibration"])
-    last = session.wait(lambda s: s.link is LinkState.CLOSED, 20).last
-    newest = read(path, "SELECT max(last_time_us) FROM block")[0][0]
-    assert last is not None and last.time_s == pytest.approx(newest / 1e6)
-
-
-@pytest.mark.parametrize("speed", ["20", "max"])
-def test_a_replay_is_recorded_from_its_first_byte_to_its_last(session: Session, tmp_path: Path, speed: str) -> None:
-    """At any speed, also finished before the first snapshot: every sample is in the new file, without a failure."""
-    path, again = tmp_path / "a.boat", tmp_path / "b.boat"
-    with serve_in_thread(BoardSettings(speed=20.0)) as board:
-        session.connect(board.url, record_to=path)
-        session.wait_connected()
-        session.wait(lambda s: s.recorded_s > 5.0, 10)
-        session.disconnect()
-        session.wait(lambda s: s.link is LinkState.CLOSED, 10)
-    session.connect(f"replay:{path}@{speed}", record_to=again)
-    assert session.wait_connected().link in (LinkState.UP, LinkState.CLOSED)
-    assert session.wait(lambda s: s.link is LinkState.CLOSED, 10).link_error is None
-    query = "SELECT sum(n) FROM block"
-    assert read(again, query) == read(path, query)
-    assert meta(again)["stop_reason"] == "finished"
 
 
 @pytest.mark.fault(28, how="a recorder that cannot write, in a run over a pseudo-terminal", times=1)

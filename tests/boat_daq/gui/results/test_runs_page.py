@@ -139,17 +139,6 @@ def test_every_sensor_is_compared_and_has_its_history(live, monkeypatch):
         assert f"sensor {sensors}" in page.history.readout.text()
 
 
-def test_replay_uses_the_chosen_speed(runs):
-    """Replay opens the recording at the speed that was chosen, and shows the page Measure."""
-    window, page = runs
-    choose(page, 1)
-    path, requested = page.selected()[0].path, []
-    window.model.session.connect = lambda url, **more: requested.append(url)
-    page.press("replay", 2)
-    assert requested == [f"replay:{path}@20"]
-    assert window.page == "Measure"
-
-
 def test_page_key_focuses_the_list_with_the_newest_run_chosen(runs):
     """After the key of the page it took five Tabs to the list, where nothing was chosen and every button was grey."""
     window, page = runs

@@ -27,12 +27,11 @@ def test_every_link_state_has_colour_shape_and_word(link):
     ("port", "text"),
     [
         ("COM3", "COM3"),
-        ("replay:/a/b/SA1.boat@20", "replay of SA1.boat"),
         ("/dev/serial/by-id/" + "x" * 40, "\u2026" + "x" * 28),
     ],
 )
 def test_long_port_is_shortened(port, text):
-    """A replay is named by its file, a long path by its end."""
+    """By its end."""
     from boat_daq.viewmodels.live.connection import short_port
 
     assert short_port(port) == text

@@ -89,7 +89,7 @@ def test_every_state_has_its_buttons(tmp_path):
 
 
 def test_board_that_cannot_be_commanded_has_no_buttons(tmp_path):
-    """A replay or a text profile shows data; no button of the run is offered."""
+    """A text profile without commands shows data; no button of the run is offered."""
     session = RecordedSession(dataclasses.replace(connected(), can_command=False))
     assert sequence(tmp_path, session).allowed(session.snapshot()) == ()
 

@@ -150,7 +150,7 @@ def test_obstacle_names_why_an_action_is_refused(closed):
     good = read_run(closed)
     damaged = dataclasses.replace(good, summary=None, problem="it is no recording")
     written = dataclasses.replace(good, summary=dataclasses.replace(good.summary, status="recording"))
-    actions = ("open", "repeat", "replay", "export", "readings", "report", "compare")
+    actions = ("open", "repeat", "export", "readings", "report", "compare")
 
     def refused(*chosen: RunEntry) -> set[str]:
         return {action for action in actions if obstacle(action, chosen)}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import gc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from analysis.shadow.fem.parameters import ActuatorParameters
     from analysis.shadow.model.full import FullModel
     from analysis.shadow.model.reduced import ReducedModel
+    from boat_daq.engine.session.session import Session
+    from boat_daq.engine.snapshot import SessionSnapshot
     from protocol.base.arrays import FloatArray
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -37,6 +39,20 @@ def pytest_collection_finish() -> None:
     gc.freeze()
     gc.collect()  # counts what is left: next to nothing
     gc.enable()
+
+
+def reached(session: Session, condition: Callable[[SessionSnapshot], bool], seconds: float) -> SessionSnapshot:
+    """Return the first snapshot that meets the condition; fail if none does in time."""
+    met = False
+
+    def holds(seen: SessionSnapshot) -> bool:
+        nonlocal met
+        met = condition(seen)
+        return met
+
+    seen = session.wait(holds, seconds)
+    assert met, f"not reached: {seen.state}, {seen.link}, {[m.cause for m in seen.messages][-5:]}"
+    return seen
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -26,6 +26,7 @@ from boat_daq.engine.simulator.server import BoardSettings, serve
 from boat_daq.engine.snapshot import LinkState
 from tests.benchmarks.lengths import length
 from tests.boat_daq.gui.windows import close_all
+from tests.conftest import reached
 
 RATE_HZ, CLIENTS = 10_000, 5
 SECONDS = float(os.environ.get("BOAT_LOAD_S", length("10", "1")))
@@ -105,7 +106,7 @@ def test_cost_of_outlets_beside_window_and_recorder(
         board = opened.enter_context(serve(BoardSettings()))
         session.connect(board.url, rate_hz=RATE_HZ, record_to=path)
         session.wait_connected()
-        session.wait(lambda _: session.live.ring is not None, 10)
+        reached(session, lambda _: session.live.ring is not None, 10)
         lsl = opened.enter_context(closing(LslOutlet(session, pylsl))) if outlets in ("lsl", "both") else None
         clients, inlet = list[subprocess.Popen[str]](), None
         if outlets in ("secop", "both"):
@@ -121,7 +122,7 @@ def test_cost_of_outlets_beside_window_and_recorder(
         updates = sum(int(line_of(client)) for client in clients)
         health = session.snapshot().health
         session.disconnect()
-        session.wait(lambda s: s.link is LinkState.CLOSED, 10)
+        reached(session, lambda s: s.link is LinkState.CLOSED, 10)
         QTest.qWait(200)  # the outlet pushes what waits
         if inlet is not None:
             inlet.communicate("end\n", timeout=60)

@@ -24,6 +24,7 @@ from protocol.link.framing import FrameReader
 from protocol.link.messages import Command, decode_command
 from protocol.recording import open_recording
 from tests.boat_daq.engine.served_board import serve_in_thread
+from tests.conftest import reached
 
 needs_pty = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are needed")
 OVER = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
@@ -45,15 +46,13 @@ class Drill:
         self.session.arm(plan)
         self.session.start()
 
-    def wait(self, condition: Callable[[SessionSnapshot], bool], seconds: float = 60.0) -> SessionSnapshot:
+    def reached(self, condition: Callable[[SessionSnapshot], bool], seconds: float = 60.0) -> SessionSnapshot:
         """Return the first snapshot that meets the condition; fail if none does in time."""
-        seen = self.session.wait(condition, seconds)
-        assert condition(seen), f"not reached: {seen.state}, {seen.link}, {[m.cause for m in seen.messages][-5:]}"
-        return seen
+        return reached(self.session, condition, seconds)
 
     def until_sample(self, index: int) -> None:
         """Wait until the board's sample of that number, or a later one, has come."""
-        self.wait(lambda s: s.recorded_s * 100 > index or s.link is LinkState.LOST, 120)
+        self.reached(lambda s: s.recorded_s * 100 > index or s.link is LinkState.LOST, 120)
 
     def close(self) -> Recording:
         """Close the recording, check that it is identical to its bytes, and return it."""

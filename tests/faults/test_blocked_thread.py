@@ -40,7 +40,7 @@ def compute(seconds: float) -> int:
 def test_reader_and_writer_continue_while_interpreter_is_busy(tmp_path: Path, seconds: float) -> None:
     """No sample is lost, and those of the blocked time are in the file."""
     with drill(tmp_path, speed=20.0, own_process=True) as found:
-        found.wait(lambda s: s.recorded_s > 2)
+        found.reached(lambda s: s.recorded_s > 2)
         before = found.session.snapshot().recorded_s
         assert compute(seconds) > 0
         gained = found.session.snapshot().recorded_s - before

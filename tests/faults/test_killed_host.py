@@ -35,13 +35,16 @@ from boat_daq.engine.settings import Settings, UnitLibrary
 from tests.faults.drill import SHORT
 import dataclasses
 
+def unlatched(seen):
+    return not seen.latched
+
 def host(url, path):
     session = Session(Settings(), UnitLibrary(Path(path).parent / "units"))
     session.connect(url)
     seen = session.wait_connected()
     while seen.latched:  # an answer that a busy machine brings after its time counts as lost: press again
         session.clear_fault()
-        seen = session.wait(lambda s: not s.latched, 2)
+        seen = session.wait(unlatched, 2)
     session.start_recording(Path(path))
     session.arm(dataclasses.replace(SHORT, cycles=50))
     session.start()

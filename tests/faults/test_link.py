@@ -134,7 +134,7 @@ def test_every_link_fault_in_one_recording_is_handled(tmp_path: Path) -> None:
     faults = [f"index_gap@{108 + 4 * number}:{lost}" for number, lost in enumerate(gaps)]
     faults += ["garbage@102:5000", "boot_text@103:20", "duplicate@104:5", "reorder@105:5", "absurd_value@106:3"]
     with drill(tmp_path, *faults, "clock_wrap@107") as found:  # 2 s of wall time: connected by then
-        found.wait(lambda s: s.recorded_s > 130)
+        found.reached(lambda s: s.recorded_s > 130)
         n = check_samples(found)
     run = found.rows("SELECT value FROM event WHERE kind = 'gap' ORDER BY id")
     assert [lost for (lost,) in run][-4:] == list(gaps)
@@ -155,7 +155,7 @@ def test_every_link_fault_in_one_recording_is_handled(tmp_path: Path) -> None:
 def test_gap_of_70000_samples_is_exact(tmp_path: Path) -> None:
     """More than 16 bits of the index: exact to the sample."""
     with drill(tmp_path, "index_gap@600:70000", speed=200.0) as found:
-        found.wait(lambda s: s.recorded_s > 1400.0, 120)
+        found.reached(lambda s: s.recorded_s > 1400.0, 120)
         found.close()
     assert found.rows("SELECT value FROM event WHERE kind = 'gap'") == [(70_000.0,)]
 
@@ -166,10 +166,10 @@ def test_absurd_pressure_trips_the_interlock(tmp_path: Path) -> None:
     """5 MPa with a valid checksum in a run: vented, latched with its cause, one end of the run."""
     with drill(tmp_path, "absurd_value@40:3", speed=20.0) as found:
         found.start(LONG)
-        seen = found.wait(lambda s: s.state in OVER)
+        seen = found.reached(lambda s: s.state in OVER)
         assert seen.state is SessionState.FAULT
         assert seen.latched
-        found.wait(lambda _: found.vented(), 10)
+        found.reached(lambda _: found.vented(), 10)
         found.close()
     assert found.rows("SELECT count(*) FROM event WHERE kind = 'run_ended'") == [(1,)]
 
@@ -178,7 +178,7 @@ def test_absurd_pressure_trips_the_interlock(tmp_path: Path) -> None:
 def test_slow_jittering_board_keeps_its_times(tmp_path: Path) -> None:
     """The rate shown is the rate received; times are the board's."""
     with drill(tmp_path, "slow_rate@0:62", "jitter@0:4") as found:
-        found.wait(lambda s: s.recorded_s > 30.0)
+        found.reached(lambda s: s.recorded_s > 30.0)
         run = found.close()
         seen = found.session.snapshot()
     assert summarise(found.path).rate_hz == pytest.approx(62.0, abs=0.2)
@@ -206,10 +206,10 @@ def test_board_reset_ends_the_run_in_a_new_segment(tmp_path: Path) -> None:
     """A new segment, the unit vented, the run ended with its cause; samples before and after are never spliced."""
     with drill(tmp_path, "reset@40:2", speed=20.0) as found:
         found.start(LONG)
-        seen = found.wait(lambda s: s.state in OVER)
+        seen = found.reached(lambda s: s.state in OVER)
         assert seen.state is not SessionState.IDLE
-        found.wait(lambda _: found.vented(), 10)
-        found.wait(lambda s: s.recorded_s > 45, 20)
+        found.reached(lambda _: found.vented(), 10)
+        found.reached(lambda s: s.recorded_s > 45, 20)
         run = found.close()
     assert len(set(run.segment.tolist())) >= 2
     assert "board restarted" in {reason for (reason,) in found.rows("SELECT reason FROM segment")}
@@ -220,8 +220,8 @@ def test_board_reset_ends_the_run_in_a_new_segment(tmp_path: Path) -> None:
 def test_clock_that_goes_back_is_a_segment_of_true_duration(tmp_path: Path) -> None:
     """An event with the time, a segment, and the duration and rate of both; a clock that wraps is neither."""
     with drill(tmp_path, "clock_wrap@105", "clock_back@130:60", speed=50.0) as found:
-        seen = found.wait(lambda s: any(m.kind is MessageKind.BOARD_CLOCK for m in s.messages), 60)
-        last = found.wait(lambda s: s.recorded_s > seen.recorded_s + 20, 20)
+        seen = found.reached(lambda s: any(m.kind is MessageKind.BOARD_CLOCK for m in s.messages), 60)
+        last = found.reached(lambda s: s.recorded_s > seen.recorded_s + 20, 20)
         run = found.close()
     assert found.rows("SELECT value, segment FROM event WHERE kind = 'clock_back_us'") == [(60e6, 2)]
     assert found.rows("SELECT reason FROM segment ORDER BY id") == [("opened",), ("clock went back",)]
@@ -239,10 +239,10 @@ def test_clock_that_goes_back_ends_a_run(tmp_path: Path) -> None:
     """Dwells are timed by that clock: the unit is vented, and the fault names the clock."""
     with drill(tmp_path, "clock_back@40:30", speed=20.0) as found:
         found.start(LONG)
-        seen = found.wait(lambda s: s.state in OVER)
+        seen = found.reached(lambda s: s.state in OVER)
         assert seen.state is SessionState.FAULT
         assert any(m.kind is MessageKind.BOARD_CLOCK and "30 s" in m.cause for m in seen.messages)
-        found.wait(lambda _: found.vented(), 10)
+        found.reached(lambda _: found.vented(), 10)
         found.close()
 
 
@@ -251,11 +251,11 @@ def test_silent_board_is_vented(tmp_path: Path) -> None:
     """The port stays open without data: a message, a VENT is sent, and the board executes it."""
     with drill(tmp_path, "silent@12:0", speed=5.0) as found:
         found.start(LONG)
-        seen = found.wait(lambda s: s.state in OVER, 30)
+        seen = found.reached(lambda s: s.state in OVER, 30)
         assert seen.state is SessionState.FAULT
-        found.wait(lambda s: any(message.kind is MessageKind.SILENT for message in s.messages), 20)
-        found.wait(lambda _: found.vented(), 20)
-        found.wait(lambda _: any(isinstance(command, Vent) for _, command in found.commands()), 20)
+        found.reached(lambda s: any(message.kind is MessageKind.SILENT for message in s.messages), 20)
+        found.reached(lambda _: found.vented(), 20)
+        found.reached(lambda _: any(isinstance(command, Vent) for _, command in found.commands()), 20)
         found.session.stop_recording()
 
 
@@ -265,7 +265,7 @@ def test_frozen_channel_raises_alarm_and_lamp_cancels(tmp_path: Path) -> None:
     """A frozen sensor raises an alarm with its number. A lamp changes the dark counts, not the signal."""
     with drill(tmp_path, "ambient_step@100:300", "flicker@100:20", "frozen_channel@120:1") as found:
         found.start(dataclasses.replace(SHORT, cycles=6))
-        seen = found.wait(lambda s: s.state in OVER)
+        seen = found.reached(lambda s: s.state in OVER)
         run, truth = found.close(), found.truth()
     assert (seen.state, seen.run_ended) == (SessionState.IDLE, RunEnding(RunEnd.FINISHED))
     assert found.rows("SELECT DISTINCT value FROM event WHERE kind = 'flat_line'") == [(1.0,)]
@@ -285,9 +285,9 @@ def test_board_without_answers_is_vented(tmp_path: Path) -> None:
     """A command is sent three times with one sequence number, then the unit is vented and the fault latched."""
     with drill(tmp_path, "ack_lost@20:1000", speed=10.0) as found:
         found.start(LONG)
-        seen = found.wait(lambda s: s.state in OVER)
+        seen = found.reached(lambda s: s.state in OVER)
         assert seen.state is SessionState.FAULT
-        found.wait(lambda _: found.vented(), 10)
+        found.reached(lambda _: found.vented(), 10)
         found.session.stop_recording()
     sent = found.commands()
     assert any(sent.count(one) == 3 for one in sent if isinstance(one[1], SetPressure | Heartbeat))
@@ -300,8 +300,8 @@ def test_refused_pressure_ends_the_run(tmp_path: Path) -> None:
     """A refused command is not taken for an executed one."""
     with drill(tmp_path, "ack_refused@60:4") as found:
         found.start(LONG)
-        assert found.wait(lambda s: s.state in OVER).state is SessionState.FAULT
-        found.wait(lambda _: found.vented(), 10)
+        assert found.reached(lambda s: s.state in OVER).state is SessionState.FAULT
+        found.reached(lambda _: found.vented(), 10)
         found.close()
 
 
@@ -311,9 +311,9 @@ def test_overshoot_beyond_the_margin_aborts(tmp_path: Path) -> None:
     plan = dataclasses.replace(SHORT, high_kpa=20.0, low_kpa=-20.0, step_kpa=20.0)
     with drill(tmp_path, "overshoot@0:6", unit=Unit("SA1", -40.0, 20.0)) as found:
         found.start(plan)
-        seen = found.wait(lambda s: s.state in OVER)
+        seen = found.reached(lambda s: s.state in OVER)
         assert seen.state is not SessionState.IDLE
-        found.wait(lambda _: found.vented(), 10)
+        found.reached(lambda _: found.vented(), 10)
         run = found.close()
     assert run.pressure_kpa.max() > 21.5
     assert found.truth()[:, 3].max() < 30.0
@@ -333,9 +333,9 @@ def test_unreached_target_ends_the_run(tmp_path: Path, fault: str) -> None:
     """The step times out, the unit is vented, the cycle is incomplete."""
     with drill(tmp_path, fault, speed=100.0) as found:
         found.start(LONG)
-        seen = found.wait(lambda s: s.state in OVER)
+        seen = found.reached(lambda s: s.state in OVER)
         assert seen.state is not SessionState.IDLE
-        found.wait(lambda _: found.vented(), 10)
+        found.reached(lambda _: found.vented(), 10)
         found.close()
     assert summarise(found.path).cycles.complete < LONG.cycles
     assert found.rows("SELECT status FROM step WHERE branch != 'end' ORDER BY id")[-1][0] in ("timeout", "aborted")
@@ -345,7 +345,7 @@ def test_unreached_target_ends_the_run(tmp_path: Path, fault: str) -> None:
 def test_saturated_sensor_is_flagged_and_left_out(tmp_path: Path) -> None:
     """Flagged in the file, left out of every figure, and counted."""
     with drill(tmp_path, "saturate@100:1") as found:
-        found.wait(lambda s: s.recorded_s > 110)
+        found.reached(lambda s: s.recorded_s > 110)
         run = found.close()
     saturated = (run.flags & int(SampleFlag.SATURATED)) != 0
     assert not saturated[0]

@@ -77,11 +77,11 @@ def test_full_disk_stops_the_run(mounter: Mounter, tmp_path: Path) -> None:
     with small_disk(mounter, tmp_path, 64) as place:
         with drill(tmp_path, home=place) as found:
             found.start(LONG)
-            found.wait(lambda s: s.recorded_s > 10 and s.last is not None and abs(s.last.pressure_kpa) > 5)
+            found.reached(lambda s: s.recorded_s > 10 and s.last is not None and abs(s.last.pressure_kpa) > 5)
             fill(place, 0)
-            seen = found.wait(lambda s: s.state in OVER, 30)
+            seen = found.reached(lambda s: s.state in OVER, 30)
             assert seen.state is not SessionState.IDLE
-            found.wait(lambda _: found.vented(), 10)
+            found.reached(lambda _: found.vented(), 10)
             causes = [message.cause for message in found.session.snapshot().messages]
             assert any("full" in cause for cause in causes), causes
         shutil.copytree(place, tmp_path / "copy", ignore=shutil.ignore_patterns("filler", "*lock"))
@@ -134,11 +134,11 @@ def test_removed_folder_ends_the_run(tmp_path: Path) -> None:
     place.mkdir()
     with drill(tmp_path, home=place) as found:
         found.start(LONG)
-        found.wait(lambda s: s.last is not None and abs(s.last.pressure_kpa) > 5)
+        found.reached(lambda s: s.last is not None and abs(s.last.pressure_kpa) > 5)
         shutil.rmtree(place)
-        seen = found.wait(lambda s: s.state in OVER, 30)
+        seen = found.reached(lambda s: s.state in OVER, 30)
         assert seen.state is not SessionState.IDLE
-        found.wait(lambda _: found.vented(), 10)
+        found.reached(lambda _: found.vented(), 10)
         causes = [message.cause for message in found.session.snapshot().messages]
         assert any("moved or removed" in cause or "cannot be written" in cause for cause in causes), causes
 

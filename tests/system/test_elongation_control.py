@@ -22,6 +22,7 @@ from boat_daq.engine.simulator.server import BoardSettings, serve
 from boat_daq.engine.snapshot import MessageKind
 from boat_daq.workflows.unit_control import as_regulator
 from tests.analysis import twin_unit
+from tests.conftest import reached
 from tests.system import third_party_boards as boards
 
 pytestmark = [pytest.mark.nightly, pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are needed")]
@@ -49,7 +50,7 @@ def started(board: boards.Board, tmp_path) -> Session:
     session = Session(Settings(), UnitLibrary(tmp_path))
     session.connect(board.url)
     session.wait_connected()
-    session.wait(lambda s: all(check.ok for check in session.preflight() if check.name == "zero"), 5.0)
+    reached(session, lambda s: all(check.ok for check in session.preflight() if check.name == "zero"), 5.0)
     session.control_elongation(1.4, as_regulator(regulator()))
     return session
 
@@ -66,7 +67,7 @@ def test_a_board_from_the_contract_alone_holds_an_elongation(tmp_path):
 
 def test_answers_beyond_the_margin_end_the_control_vented(tmp_path):
     with closing(LateByTwice300()) as board, closing(started(board, tmp_path)) as session:
-        seen = session.wait(lambda s: any(m.kind is MessageKind.LINK_DELAY for m in s.messages), 10.0)
+        seen = reached(session, lambda s: any(m.kind is MessageKind.LINK_DELAY for m in s.messages), 10.0)
         message = next(m for m in seen.messages if m.kind is MessageKind.LINK_DELAY)
         assert "the control bears" in message.cause
         assert "vented" in message.cause
@@ -114,7 +115,7 @@ def controlled(url: str, mm: float, tmp_path) -> Session:
     session = Session(Settings(), UnitLibrary(tmp_path))
     session.connect(url)
     session.wait_connected()
-    session.wait(lambda s: all(check.ok for check in session.preflight() if check.name == "zero"), 5.0)
+    reached(session, lambda s: all(check.ok for check in session.preflight() if check.name == "zero"), 5.0)
     session.control_elongation(mm, as_regulator(twin_unit.regulator()))
     return session
 
@@ -141,7 +142,7 @@ def test_a_network_late_by_300_ms_each_way_ends_the_control_within_limits(tmp_pa
         assert "the control bears" in stops[0].cause
         assert session.snapshot().elongation is None
         assert LIMITS_KPA[0] < low < high < LIMITS_KPA[1]
-        last = session.wait(lambda s: abs(s.last.pressure_kpa) < 2.0, 5.0).last
+        last = reached(session, lambda s: abs(s.last.pressure_kpa) < 2.0, 5.0).last
         assert abs(last.pressure_kpa) < 2.0
 
 

@@ -30,6 +30,7 @@ from boat_daq.engine.simulator.server import BoardSettings, ServedBoard, serve
 from protocol.base.errors import BoatDaqError, DeviceError, RequestError
 from protocol.recording import open_recording
 from tests.boat_daq.engine.served_board import serve_in_thread
+from tests.conftest import reached
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
 
@@ -180,7 +181,7 @@ def test_run_is_resumed_in_a_connected_session(tmp_path: Path) -> None:
         session.wait_connected()
         session.arm(plan)
         session.start()
-        session.wait(lambda s: s.progress is not None and s.progress.cycle == 2, 30)
+        reached(session, lambda s: s.progress is not None and s.progress.cycle == 2, 30)
         session.stop_recording()
         broken = prepare_resumption(run)
         session.resume_recording(broken)
@@ -191,7 +192,7 @@ def test_run_is_resumed_in_a_connected_session(tmp_path: Path) -> None:
             session.arm(plan)
         session.arm(plan, resume=True)
         session.start()
-        seen = session.wait(lambda s: s.progress is not None and s.progress.cycle == broken.first_cycle, 30)
+        seen = reached(session, lambda s: s.progress is not None and s.progress.cycle == broken.first_cycle, 30)
         session.close()
     assert seen.progress is not None
     assert seen.progress.complete_cycles == broken.complete_cycles

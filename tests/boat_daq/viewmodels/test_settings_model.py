@@ -18,6 +18,7 @@ from boat_daq.viewmodels.results.contributions import ContributionFields
 from boat_daq.viewmodels.settings_model import PROGRAM, SettingsModel
 from protocol.base.errors import RequestError
 from tests.boat_daq.engine.served_board import serve_in_thread
+from tests.conftest import reached
 
 
 @pytest.fixture
@@ -60,7 +61,7 @@ def test_plan_below_a_limit_entered_while_connected_is_refused(model):
         model._undo.undo()
         session.arm(plan)
         session.start()
-        session.wait(lambda s: s.state is SessionState.RUNNING, 5.0)
+        reached(session, lambda s: s.state is SessionState.RUNNING, 5.0)
         with pytest.raises(RequestError, match="a run is in progress"):
             model.enter("SA1", {"min_kpa": "-25"})
         assert model.shown("SA1").texts["min_kpa"] == "-40"

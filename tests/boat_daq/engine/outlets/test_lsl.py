@@ -26,6 +26,7 @@ from protocol.base.errors import RequestError
 from protocol.recording import parse_definition
 from tests.boat_daq.engine.other_devices import TextBoard
 from tests.boat_daq.engine.served_board import serve_in_thread
+from tests.conftest import reached
 
 pylsl = pytest.importorskip("pylsl", reason="pylsl is not installed", exc_type=(ImportError, RuntimeError))
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="streams kept on this computer need Linux")
@@ -45,7 +46,7 @@ def streaming(
             session.live.set_derived([parse_definition(text) for text in derived])
             session.connect(served.url, profile, rate_hz=rate_hz, record_to=tmp_path / "run.boat")
             session.wait_connected()
-            session.wait(lambda s: session.live.ring is not None, 5)
+            reached(session, lambda s: session.live.ring is not None, 5)
             outlet = lsl.LslOutlet(session, pylsl, **options)
             yield session, outlet
             outlet.close()

@@ -28,6 +28,7 @@ from boat_daq.engine.snapshot import SessionState
 from protocol.base.errors import RequestError
 from protocol.recording import BoardState
 from tests.boat_daq.engine.served_board import serve_in_thread
+from tests.conftest import reached
 from tests.docs.pages import ROOT, block
 
 TOKEN = "0123456789abcdef"
@@ -41,7 +42,7 @@ def session(tmp_path: Path) -> Iterator[Session]:
         try:
             found.connect(board.url)
             found.wait_connected()
-            found.wait(lambda s: s.last is not None, 5)
+            reached(found, lambda s: s.last is not None, 5)
             yield found
         finally:
             found.close()
@@ -102,10 +103,10 @@ def test_a_client_of_the_specification_reads_and_drives(session: Session, server
     ]  # fmt: skip
     assert client.ask("change pressure:_ramp 50")[2][0] == 50
     assert client.ask("change pressure:target 10")[0] == "changed"
-    session.wait(lambda s: s.last.state is BoardState.HOLDING, 10)
+    reached(session, lambda s: s.last.state is BoardState.HOLDING, 10)
     assert client.ask("read pressure")[2][0] == pytest.approx(10, abs=1.5)
     assert client.ask("do vent:_vent")[0] == "done"
-    session.wait(lambda s: s.last.state is BoardState.VENTED and abs(s.last.pressure_kpa) < 0.5, 10)
+    reached(session, lambda s: s.last.state is BoardState.VENTED and abs(s.last.pressure_kpa) < 0.5, 10)
     assert client.ask('do recording:_start "by_secop"')[0] == "done"
     assert client.ask("read recording:_file")[2][0] == "by_secop.boat"
     assert client.ask('do sequence:_arm "calibration"')[0] == "done"
@@ -130,13 +131,13 @@ def test_the_client_of_frappy_reads_and_drives(session: Session, server: SecopSe
         assert 1000 < value < 2500
         client.setParameter("pressure", "_ramp", 50.0)
         client.setParameter("pressure", "target", 8.0)
-        session.wait(lambda s: s.last.state is BoardState.HOLDING, 10)
+        reached(session, lambda s: s.last.state is BoardState.HOLDING, 10)
         deadline = time.monotonic() + 5
         while client.cache["pressure", "value"][0] < 6.5 and time.monotonic() < deadline:
             time.sleep(0.05)
         assert client.cache["pressure", "value"][0] == pytest.approx(8, abs=1.5)
         client.execCommand("vent", "vent")
-        seen = session.wait(lambda s: s.last.state is BoardState.VENTED, 5)
+        seen = reached(session, lambda s: s.last.state is BoardState.VENTED, 5)
         assert seen.last.state is BoardState.VENTED
     finally:
         client.disconnect()
@@ -153,7 +154,7 @@ def test_the_program_of_the_page_drives_and_vents(
     (tmp_path / "token.txt").write_text(f"{TOKEN}\n", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     exec(block(PAGE, "drive.py").replace("10767", str(server.port)), {})
-    seen = session.wait(lambda s: s.last.state is BoardState.VENTED, 5)
+    seen = reached(session, lambda s: s.last.state is BoardState.VENTED, 5)
     assert seen.last.state is BoardState.VENTED
 
 
@@ -167,7 +168,7 @@ def test_replies_are_those_of_the_page(session: Session, server: SecopServer) ->
         client.send(line.replace("TOKEN", TOKEN))
         assert client.line().startswith(reply)
     client.close()
-    session.wait(lambda s: s.last.state is BoardState.VENTED, 5)
+    reached(session, lambda s: s.last.state is BoardState.VENTED, 5)
 
 
 @pytest.fixture
@@ -304,7 +305,7 @@ def test_read_only_refuses_all_but_vent(session: Session, tmp_path: Path) -> Non
     for command in ('sequence:_arm "calibration"', "sequence:_start", "pressure:stop", 'recording:_start "x"'):
         assert client.ask(f"do {command}")[2][0] == "Disabled"
     assert client.ask("do vent:_vent")[0] == "done"
-    session.wait(lambda s: s.last.state is BoardState.VENTED, 5)
+    reached(session, lambda s: s.last.state is BoardState.VENTED, 5)
     client.close()
     server.close()
 
@@ -371,7 +372,7 @@ def test_the_number_of_clients_is_limited_but_not_for_vent(session: Session, ser
     assert "IsBusy" in more.line()
     clients[0].authenticated()
     assert clients[0].ask("change pressure:target 10")[0] == "changed"
-    session.wait(lambda s: s.last.pressure_kpa > 2, 5)
+    reached(session, lambda s: s.last.pressure_kpa > 2, 5)
     assert venting.ask("do vent:_vent")[0] == "done"
     assert server.refused == 2
     assert session.wait(lambda s: s.last.state is BoardState.VENTED, 5).last.state is BoardState.VENTED
@@ -478,7 +479,7 @@ def test_a_pressure_whose_client_left_is_vented(session: Session, tmp_path: Path
     server = SecopServer(node, ("127.0.0.1", 0), token=TOKEN, hold_s=0.5)
     driver, other = Client(server.port).authenticated(), Client(server.port).authenticated()
     assert driver.ask("change pressure:target 10")[0] == "changed"
-    session.wait(lambda s: s.last.pressure_kpa > 5, 5)
+    reached(session, lambda s: s.last.pressure_kpa > 5, 5)
     driver.close()
     time.sleep(1.0)
     assert session.snapshot().last.target_kpa == 10
@@ -487,14 +488,14 @@ def test_a_pressure_whose_client_left_is_vented(session: Session, tmp_path: Path
     other.close()
     time.sleep(0.2)
     driver.close()
-    seen = session.wait(lambda s: s.last.state is BoardState.VENTED, 5)
+    seen = reached(session, lambda s: s.last.state is BoardState.VENTED, 5)
     assert seen.last.state is BoardState.VENTED
     first, last = Client(server.port).authenticated(), Client(server.port).authenticated()
     deadline_s = time.monotonic() + 10.0
     while first.ask("change pressure:target 10")[0] != "changed":  # until the mean of the last samples is zero
         assert time.monotonic() < deadline_s
         time.sleep(0.1)
-    session.wait(lambda s: s.last.pressure_kpa > 5, 5)
+    reached(session, lambda s: s.last.pressure_kpa > 5, 5)
     first.close()
     time.sleep(0.2)
     last.close()

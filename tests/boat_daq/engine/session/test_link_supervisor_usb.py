@@ -19,6 +19,7 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, UnitLibrary
 from boat_daq.engine.snapshot import LinkState
 from protocol.simulator.board import VirtualBoard
+from tests.conftest import reached
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
 
@@ -115,7 +116,7 @@ def test_board_is_found_by_its_usb_serial_number(monkeypatch, tmp_path, make, pr
             instrument.at(first)  # another instrument takes the name, the board comes back with the next one
             again.at(second)
             present[:] = [port(first, "T-1"), port(second, "PSOC-7")]
-            seen = session.wait(lambda s: s.link is LinkState.UP, PATIENCE_S)
+            seen = reached(session, lambda s: s.link is LinkState.UP, PATIENCE_S)
             assert (seen.link, seen.port) == (LinkState.UP, str(second))
         assert instrument.received == b""
     finally:

@@ -28,6 +28,7 @@ from protocol.base.errors import DeviceError, RequestError, StorageError
 from protocol.recording import RunEnd, parse_definition
 from tests.boat_daq.engine.other_devices import Chatter
 from tests.boat_daq.engine.served_board import serve_in_thread
+from tests.conftest import reached
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
 
@@ -69,7 +70,7 @@ def test_a_whole_session_ends_in_one_closed_file(session: Session, tmp_path: Pat
     path, truth = tmp_path / "run.boat", tmp_path / "truth.csv"
     with serve(BoardSettings(speed=50.0, truth=str(truth))) as board:
         begin(session, board.url, path)
-        seen = session.wait(lambda s: s.state in OVER, 60)
+        seen = reached(session, lambda s: s.state in OVER, 60)
         assert (seen.state, seen.run_ended, seen.simulated) == (SessionState.IDLE, RunEnding(RunEnd.FINISHED), True)
         assert enter_simulated_readings(session, truth) == 5
         first = session.readings()[0]
@@ -114,7 +115,7 @@ def test_buttons_from_many_threads(session: Session, tmp_path: Path) -> None:
         for thread in threads:
             thread.join()
         session.vent()
-        seen = session.wait(lambda s: s.last is not None and abs(s.last.pressure_kpa) < 1 and s.state in OVER, 10)
+        seen = reached(session, lambda s: s.last is not None and abs(s.last.pressure_kpa) < 1 and s.state in OVER, 10)
         session.stop_recording()
     assert failures == []
     assert seen.state in OVER and seen.last is not None and abs(seen.last.pressure_kpa) < 1
@@ -128,7 +129,7 @@ def test_vent_does_not_wait_for_the_lock(session: Session) -> None:
         session.connect(board.url)
         session.wait_connected()
         session.set_pressure(30.0, 40.0)
-        session.wait(lambda s: s.last is not None and s.last.pressure_kpa > 20, 5)
+        reached(session, lambda s: s.last is not None and s.last.pressure_kpa > 20, 5)
         venting = threading.Thread(target=session.vent)
         with session._lock:
             venting.start()
@@ -137,7 +138,7 @@ def test_vent_does_not_wait_for_the_lock(session: Session) -> None:
             assert sent.samples > 0
             time.sleep(1.2)
         venting.join()
-        seen = session.wait(lambda s: s.last is not None and abs(s.last.pressure_kpa) < 1.0, 0.3)
+        seen = reached(session, lambda s: s.last is not None and abs(s.last.pressure_kpa) < 1.0, 0.3)
     assert seen.last is not None and abs(seen.last.pressure_kpa) < 1.0
 
 
@@ -147,9 +148,9 @@ def test_unplugged_and_plugged_again(session: Session, tmp_path: Path) -> None:
     path, link = tmp_path / "run.boat", tmp_path / "port"
     with serve_in_thread(BoardSettings(speed=5.0, faults=("unplug@15:10",), link=str(link))):
         begin(session, str(link), path, dataclasses.replace(PLAN, cycles=5))
-        lost = session.wait(lambda s: s.link is LinkState.LOST, 10)
+        lost = reached(session, lambda s: s.link is LinkState.LOST, 10)
         assert (lost.link, lost.state) == (LinkState.LOST, SessionState.FAULT)
-        back = session.wait(lambda s: s.link is LinkState.UP, 15)
+        back = reached(session, lambda s: s.link is LinkState.UP, 15)
         assert back.link is LinkState.UP
         time.sleep(0.5)
         seen = session.snapshot()
@@ -166,9 +167,9 @@ def test_pause_makes_segments(session: Session, tmp_path: Path) -> None:
     path = tmp_path / "run.boat"
     with serve(BoardSettings(speed=50.0)) as board:
         begin(session, board.url, path)
-        session.wait(lambda s: s.progress is not None and s.progress.cycle == 1, 10)
+        reached(session, lambda s: s.progress is not None and s.progress.cycle == 1, 10)
         session.pause()
-        session.wait(lambda _: all(check.ok for check in session.preflight()), 5)
+        reached(session, lambda _: all(check.ok for check in session.preflight()), 5)
         session.resume()
         assert session.wait(lambda s: s.state in OVER, 30).run_ended == RunEnding(RunEnd.FINISHED)
         session.stop_recording()
@@ -182,12 +183,12 @@ def test_a_plateau_waits_for_its_reading(session: Session) -> None:
     """The run holds at the plateau until the reading is there; skipped, it continues without."""
     with serve(BoardSettings(speed=50.0)) as board:
         begin(session, board.url, wait_for_reading=True)
-        seen = session.wait(lambda s: s.waiting_for_reading is not None, 10)
+        seen = reached(session, lambda s: s.waiting_for_reading is not None, 10)
         assert seen.waiting_for_reading is not None and seen.waiting_for_reading.target_kpa == 50.0
         session.add_reading(seen.waiting_for_reading.step_id, 3.8, "typed")
-        seen = session.wait(lambda s: s.waiting_for_reading is not None and s.waiting_for_reading.step_id == 2, 10)
+        seen = reached(session, lambda s: s.waiting_for_reading is not None and s.waiting_for_reading.step_id == 2, 10)
         session.skip_reading()
-        seen = session.wait(lambda s: s.progress is not None and s.progress.step == 3, 10)
+        seen = reached(session, lambda s: s.progress is not None and s.progress.step == 3, 10)
         assert seen.progress is not None and seen.progress.step == 3
         session.stop()
 
@@ -302,7 +303,7 @@ def test_firmware_that_prints_runs_a_plan(session: Session, printing: PrintingDe
     session.start_recording(path)
     session.arm(PLAN)
     session.start()
-    seen = session.wait(lambda s: s.state in OVER, 30)
+    seen = reached(session, lambda s: s.state in OVER, 30)
     assert (seen.state, seen.run_ended) == (SessionState.IDLE, RunEnding(RunEnd.FINISHED))
     assert any(message.kind is MessageKind.NO_WATCHDOG for message in seen.messages)
     session.stop_recording()
@@ -320,7 +321,7 @@ def test_a_profile_without_commands_only_listens(session: Session, printing: Pri
         session.arm(PLAN)
     session.vent()
     session.disconnect()
-    session.wait(lambda s: s.link is LinkState.CLOSED, 5)
+    reached(session, lambda s: s.link is LinkState.CLOSED, 5)
     assert printing.received == b""
 
 
@@ -365,7 +366,7 @@ def test_a_failing_disk_aborts_the_run(session: Session, tmp_path: Path) -> None
     with serve_in_thread(BoardSettings(speed=5.0)) as board:
         begin(session, board.url, tmp_path / "a.boat")
         session.recording._storage_failed(StorageError("the disk is full", "free some space"))
-        seen = session.wait(lambda s: s.state is SessionState.ABORTED, 5)
+        seen = reached(session, lambda s: s.state is SessionState.ABORTED, 5)
         assert seen.run_ended == RunEnding(RunEnd.ABORTED, "the disk is full")
         assert any(m.cause == "the disk is full" and m.remedy for m in seen.messages)
 
@@ -391,7 +392,7 @@ def test_derived_channels_are_shown_stored_and_derived_again(session: Session, t
         session.wait_connected()
         with pytest.raises(RequestError, match="in progress"):
             session.live.set_derived([])
-        session.wait(lambda s: s.recorded_s > 2.0, 10)
+        reached(session, lambda s: s.recorded_s > 2.0, 10)
         assert [m.cause for m in session.snapshot().messages if m.kind is MessageKind.DERIVED] == [
             "derived channel gone: there is no channel 's3_mv'"
         ]

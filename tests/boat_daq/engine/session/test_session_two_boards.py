@@ -19,6 +19,7 @@ from boat_daq.engine.settings import HOME_VARIABLE, Settings, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings, serve
 from boat_daq.engine.snapshot import LinkState
 from tests.boat_daq.engine.served_board import serve_in_thread
+from tests.conftest import reached
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
 
@@ -46,7 +47,7 @@ def test_a_board_that_is_lost_leaves_the_other_session_alone(tmp_path: Path) -> 
             session.wait_connected()
             session.start_recording(path)
         one, two = sessions
-        two.wait(lambda s: s.recorded_s > 0.2, 20)
+        reached(two, lambda s: s.recorded_s > 0.2, 20)
         boards[1].close()
         assert two.wait(lambda s: s.link is LinkState.LOST, 20).link is LinkState.LOST
         before = one.snapshot().recorded_s

@@ -13,6 +13,7 @@ from boat_daq.engine.settings import Settings, Unit, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings
 from boat_daq.engine.snapshot import MessageKind, SessionState
 from tests.boat_daq.engine.served_board import serve_in_thread
+from tests.conftest import reached
 
 PATIENCE_S = 20.0
 
@@ -28,10 +29,10 @@ def test_limits_changed_by_another_program_hold_at_once(monkeypatch, tmp_path):
         session.wait_connected()
         session.arm(load_plan("calibration"))
         units.save(Unit("SA1", min_kpa=-25.0))
-        seen = session.wait(lambda s: s.limits.min_kpa == -25.0, PATIENCE_S)
+        seen = reached(session, lambda s: s.limits.min_kpa == -25.0, PATIENCE_S)
         assert (seen.limits.min_kpa, seen.limits.min_source, seen.state) == (-25.0, "unit", SessionState.IDLE)
         (tmp_path / "SA1.toml").write_text("min_kpa = -10 kPa\n")
-        seen = session.wait(lambda s: any(m.level == "warning" for m in s.messages), PATIENCE_S)
+        seen = reached(session, lambda s: any(m.level == "warning" for m in s.messages), PATIENCE_S)
         told = [(m.level, m.cause) for m in seen.messages if m.kind is MessageKind.UNIT_LIMITS]
         assert [level for level, _ in told] == ["info", "warning"]
         assert told[0][1] == "the limits of unit SA1 are now -25 to 50 kPa"

@@ -9,7 +9,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from time import monotonic, thread_time
 from typing import Any
@@ -100,7 +100,6 @@ class MainWindow(QMainWindow):
         self.live: LivePage = self.open_page(Page.MEASURE)
         self._lay_out()
         self.connect_panel = ConnectPanel(self, model.connection, model.services)
-        self.import_panel = ImportPanel(self, model.csv_import, model.services)
         self.commands = Registry(self, model.notices)
         self.palette_ = Palette(self, self.commands)
         self.keys: ShortcutSheet | None = None
@@ -115,6 +114,11 @@ class MainWindow(QMainWindow):
         self._restore()
         model.offer_recovery()
         self._start_timers()
+
+    @cached_property
+    def import_panel(self) -> ImportPanel:
+        """The import of a table, made where it is first shown."""
+        return ImportPanel(self, self.model.csv_import, self.model.services)
 
     def open_page(self, name: Place) -> Any:
         """Return a tab, or a page without tabs; make it where it is shown for the first time."""
@@ -193,7 +197,8 @@ class MainWindow(QMainWindow):
         self.guard.show(self.strip, "The messages", self.strip.refresh)
         self.safe_mode.refresh()
         self.guard.show(self.connect_panel, "The connection", lambda: self.connect_panel.refresh(snapshot))
-        self.guard.show(self.import_panel, "The import", self.import_panel.refresh)
+        if "import_panel" in vars(self):
+            self.guard.show(self.import_panel, "The import", self.import_panel.refresh)
         if self.outlets_panel is not None and self.outlets_panel.isVisible():
             self.guard.show(self.outlets_panel, "Streams and remote control", self.outlets_panel.refresh)
         title = self.model.title()

@@ -9,6 +9,7 @@ screen, so tokens are device-independent.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import cache
 from pathlib import Path
 from string import Template
 
@@ -190,10 +191,15 @@ def colour(value: str, alpha: int = 255) -> QColor:
     return result
 
 
+@cache
+def _family() -> str:
+    known = set(QFontDatabase.families())
+    return next((name for name in FAMILIES if name in known), QFont().defaultFamily())
+
+
 def font(pixels: int = FONT_CHROME, weight: QFont.Weight = QFont.Weight.Normal) -> QFont:
     """Return the program's font: the system's first of `FAMILIES`; figures have one width, so that none moves."""
-    known = set(QFontDatabase.families())
-    result = QFont(next((name for name in FAMILIES if name in known), QFont().defaultFamily()), weight=weight)
+    result = QFont(_family(), weight=weight)
     result.setPixelSize(pixels)
     result.setFeature(QFont.Tag("tnum"), 1)
     return result

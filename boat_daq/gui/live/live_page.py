@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QFont, QFontMetrics, QResizeEvent, QShowEvent
@@ -87,26 +87,36 @@ class ValueDisplay(QWidget):
         self.setLayout(controls.column(head, line, spacing=0, margins=(0, 0, 0, 0)))
         self.resize_text(style.FONT_MEASURED)
 
+    def _needs(self, pixels: int, *, narrow: bool) -> tuple[QFont, tuple[QFont, QFont, QFont], int, int]:
+        """Return the fonts of the value and of name, note and unit, the width of the value, and that of everything."""
+        font = style.font(pixels, QFont.Weight.DemiBold)
+        chrome, small, unit = style.font(), style.small_font(), style.font(style.FONT_SET)
+        if narrow:
+            chrome = small = unit = style.font(style.FONT_NARROW)
+        value = style.text_width(font, self.example) + style.STEP
+        head = self.swatch.width() + SPACING + style.text_width(chrome, self.title)
+        if notes := self.notes[narrow]:
+            head += SPACING + max(style.text_width(small, note) for note in notes)
+        line = value + SPACING + style.text_width(unit, self.unit.text())
+        return font, (chrome, small, unit), value, max(head, line) + style.STEP
+
+    def width_at(self, pixels: int, *, narrow: bool) -> int:
+        """Return the width with the value at that size."""
+        return self._needs(pixels, narrow=narrow)[3]
+
     def resize_text(self, pixels: int, *, narrow: bool = False) -> None:
         """Set the size of the value, and a width for the longest one so that nothing moves."""
         if (pixels, narrow) == self._size:
             return
         self._size = (pixels, narrow)
-        font = style.font(pixels, QFont.Weight.DemiBold)
+        font, beside, value, width = self._needs(pixels, narrow=narrow)
         self.value.setFont(font)
         self.value.setStyleSheet(f"font-size: {pixels}px; font-weight: 600;")
-        chrome, small, unit = style.font(), style.small_font(), style.font(style.FONT_SET)
-        if narrow:
-            chrome = small = unit = style.font(style.FONT_NARROW)
-        for label, shown in ((self.name, chrome), (self.note, small), (self.unit, unit)):
+        for label, shown in zip((self.name, self.note, self.unit), beside, strict=True):
             label.setStyleSheet(f"font-size: {shown.pixelSize()}px;")
         # width and height: a text that changes several times a second has nothing to be laid out again
-        self.value.setFixedSize(style.text_width(font, self.example) + style.STEP, QFontMetrics(font).height())
-        head = self.swatch.width() + SPACING + style.text_width(chrome, self.title)
-        if notes := self.notes[narrow]:
-            head += SPACING + max(style.text_width(small, note) for note in notes)
-        line = self.value.minimumWidth() + SPACING + style.text_width(unit, self.unit.text())
-        self.setFixedWidth(max(head, line) + style.STEP)
+        self.value.setFixedSize(value, QFontMetrics(font).height())
+        self.setFixedWidth(width)
 
     def set_unit(self, unit: str, example: str) -> None:
         """Show values in another unit, whose widest one is `example`; the size is to be set again."""
@@ -210,7 +220,6 @@ class LivePage(QWidget):
         self.overlaid = self.narrow = self.low = False
         self.sensors = _BESIDE
         self.photograph = PhotographPanel(self, run, services)
-        self.plan_editor = PlanEditorPanel(self, run.sequence, services)
         self.layout_panel = LayoutPanel(self, layouts, self.model, services)
         self.marker = self._marker()
         self.head = self._head()
@@ -225,6 +234,13 @@ class LivePage(QWidget):
         self.sides = Divided("live", services.preferences, controls.holder(self.left), self.pane, style.PANE_WIDTH)
         self.page = controls.page_layout(self)
         self.page.addWidget(self.sides)
+
+    @cached_property
+    def plan_editor(self) -> PlanEditorPanel:
+        """The editor of segments, made where it is first shown."""
+        panel = PlanEditorPanel(self, self.run.sequence, self.services)
+        panel.paint_theme(self.plots.theme)
+        return panel
 
     def _figures(self) -> dict[str, ValueDisplay]:
         figures = {f"s{n}": ValueDisplay(f"Sensor {n}", *_SHOWN["s"][:2]) for n in range(1, _SENSORS + 1)} | {
@@ -400,7 +416,8 @@ class LivePage(QWidget):
         if self.overlay.isVisible():
             self.guard.show(self.overlay, "The overlay", self.overlay.draw)
         self._show_curves()
-        self.guard.show(self.plan_editor, "The plan of segments", partial(self.plan_editor.refresh, snapshot))
+        if "plan_editor" in vars(self):
+            self.guard.show(self.plan_editor, "The plan of segments", partial(self.plan_editor.refresh, snapshot))
         self.guard.show(self.layout_panel, "The layout", self.layout_panel.refresh)
         self.freeze.setChecked(not self.model.following)
         self.frozen.setVisible(not self.model.following and self.middle.currentWidget() is self.over_time)
@@ -532,17 +549,16 @@ class LivePage(QWidget):
         self.head_card.setContentsMargins(beside, upright, beside, upright)
         available = self.width() - pane - 2 * style.PAGE_MARGIN - style.GAP - 2 * style.CARD_PADDING
         figure = figure if not apart or self.narrow else style.FONT_MEASURED
+        while self._figures_width(figure) > available and figure > style.FONT_MEASURED_NARROW:  # in a wide font
+            figure -= 2
         for value in self.figures.values():
             value.resize_text(figure, narrow=self.narrow)
-        while self._figures_width() > available and figure > style.FONT_MEASURED_NARROW:  # in a wide font
-            figure -= 2
-            for value in self.figures.values():
-                value.resize_text(figure, narrow=self.narrow)
 
-    def _figures_width(self) -> int:
+    def _figures_width(self, pixels: int) -> int:
         space, values = self.figure_rows[0].spacing(), list(self.figures.values())
         shown = [
-            [v.minimumWidth() for v in part if not v.isHidden()] for part in (values[:_SENSORS], values[_SENSORS:])
+            [v.width_at(pixels, narrow=self.narrow) for v in part if not v.isHidden()]
+            for part in (values[:_SENSORS], values[_SENSORS:])
         ]
         widths = [sum(part) + space * (len(part) - 1) for part in shown]
         return max(widths) if self.sensors > _BESIDE else sum(widths) + space

@@ -267,7 +267,6 @@ def recordings(window: MainWindow) -> list[Command]:
 
     return [
         command("Analyse the selected recording", "open", also="calibrate repeatability"),
-        command("Dynamics of its control …", "dynamics", also="step response bode elongation"),
         command("Correct its readings …", "readings"),
         command("Rename it …", "rename"),
         command("Write a note on it …", "note", also="comment"),

@@ -173,12 +173,6 @@ def sequential(place: int, of: int) -> str:
     return QColor(*(round(value) for value in mixed)).name()
 
 
-def swatch(ground: str, ink: str, words: str) -> str:
-    """Return a legend entry on its own colour, as rich text."""
-    inside = words.strip().replace(" ", "\u00a0")
-    return f"<span style='background-color: {ground}; color: {ink}'>\u00a0{inside}\u00a0</span>"
-
-
 def faint(value: str, alpha: int) -> str:
     """Return a token with `alpha` of 255, as `#aarrggbb`."""
     return colour(value, alpha).name(QColor.NameFormat.HexArgb)

@@ -30,15 +30,12 @@ if TYPE_CHECKING:
     from analysis.signal_prediction.prediction import LivePrediction, SensorPrediction
 
 
-SETTLED_MM = 0.05
-
-
 def fusion_of(units: UnitLibrary, name: str) -> Fusion:
     """Return what turns the signals of a unit into elongation, by its calibration in force."""
     return in_force(units, name).fusion()
 
 
-def dynamics_of(units: UnitLibrary, path: Path, tolerance_mm: float = SETTLED_MM) -> DynamicCalibration:
+def dynamics_of(units: UnitLibrary, path: Path) -> DynamicCalibration:
     """Return the dynamics of a recording, by its unit's calibration in force."""
     from analysis import load_recording
     from analysis.elongation_control.dynamic_calibration import dynamic_calibration
@@ -47,7 +44,7 @@ def dynamics_of(units: UnitLibrary, path: Path, tolerance_mm: float = SETTLED_MM
     units = units.of(simulated=recording.simulated)
     name, fusion = recording.unit, fusion_of(units, recording.unit)
     loops, utc = sensor_loops(units, name, fusion), in_force(units, name).calibrated_utc
-    return dynamic_calibration(recording, fusion, tolerance_mm, loops=loops, calibration_utc=utc)
+    return dynamic_calibration(recording, fusion, loops=loops, calibration_utc=utc)
 
 
 def report_dynamics(found: DynamicCalibration, target: Path) -> None:

@@ -21,10 +21,6 @@ from protocol.recording import ExtraChannel, Metadata, metadata_of, schema, sess
 from protocol.recording.checks import DAMAGE, bytes_of
 from protocol.recording.writer_lock import is_being_written
 
-CONTROLS = """
-    SELECT EXISTS (
-        SELECT 1 FROM step WHERE CASE WHEN json_valid(detail) THEN json_extract(detail, '$.quantity') = 'mm' END)"""
-
 
 @dataclass(frozen=True, slots=True)
 class SegmentSummary:
@@ -99,7 +95,6 @@ class Summary:
     metadata: Metadata = field(default_factory=Metadata)
     uuid: str | None = None  # stays where the file is renamed
     channels: tuple[ExtraChannel, ...] = ()  # beside pressure and sensors
-    controls_elongation: bool = False  # whether a step of its run was one of elongation
     missing: Missing = field(default_factory=Missing)  # of a salvaged one; counted as gaps and lost samples, too
 
 
@@ -191,7 +186,6 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
         layout=schema.layout_version(path),
         breaks=tuple(_break(entry) for entry in schema.breaks_of(meta)),
         channels=session_channels(meta),
-        controls_elongation=bool(_one(db, CONTROLS)[0]),
         missing=missing,
     )
 

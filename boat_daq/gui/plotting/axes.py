@@ -10,7 +10,6 @@ each frame of a scrolling plot. The grid is opaque: translucent lines take three
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from html import escape
 from typing import Any
 
@@ -257,20 +256,11 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
 
 
 class LogAxis(TickAxis):
-    """An axis whose data are base-10 logarithms: labels at powers of ten, at 1-2-5 where few decades are shown.
-
-    Parameters
-    ----------
-    text : formats a value (not its logarithm).
-    """
-
-    def __init__(self, orientation: str, text: Callable[[float], str] = power_text) -> None:
-        super().__init__(orientation)
-        self.format_value = text
+    """An axis whose data are base-10 logarithms: labels at powers of ten, at 1-2-5 where few decades are shown."""
 
     def value_text(self, value: float) -> str:
         """Return a value as the axis shows it."""
-        return self.format_value(10.0**value)
+        return power_text(10.0**value)
 
     def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
         """Return the one level of ticks, as logarithms."""
@@ -278,7 +268,7 @@ class LogAxis(TickAxis):
 
     def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
         """Return the labels of `values`."""
-        return [self.format_value(10.0**value) for value in values]
+        return [self.value_text(value) for value in values]
 
 
 def title_lines(title: str, unit: str, font: QFont, length: float, *, most: int) -> list[str]:

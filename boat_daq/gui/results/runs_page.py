@@ -35,7 +35,6 @@ from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Curve, PointLabels, ramp_colour, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.results.closed_readings import ClosedReadings
-from boat_daq.gui.results.dynamics_window import DynamicsWindow
 from boat_daq.gui.results.metadata_form import MetadataForm
 from boat_daq.gui.results.repeat_page import FILLED, SYMBOLS
 from boat_daq.gui.results.unit_window import UnitWindow
@@ -157,7 +156,6 @@ class RunsPage(QWidget):
         self.menu.setToolTipsVisible(True)
         entries: tuple[tuple[str, str, Callable[[], object]] | None, ...] = (
             ("readings", "Correct its readings …", partial(run, self._edit)),
-            ("dynamics", "Dynamics of its control …", self._show_dynamics),
             ("compare", "Compare", self._compare),
             None,
             ("resume", "Resume this run", partial(run, other.resume)),
@@ -344,7 +342,6 @@ class RunsPage(QWidget):
             self.actions_[key].setToolTip(controls.as_words(why))
         one = len(chosen) == 1
         self.actions_["resume"].setVisible(one and chosen[0].resumable)
-        self.actions_["dynamics"].setVisible(one and chosen[0].under_control)
         self.actions_["recover"].setVisible(any(run.recoverable for run in chosen))
         self.details.setText(selection_text(chosen))
         controls.allow(self.over_time, "" if self.units.selectedIndexes() else "Choose a line of the units.")
@@ -406,15 +403,6 @@ class RunsPage(QWidget):
         row = self.units.currentRow()
         self.services.notices.attempt(
             lambda: UnitWindow(self.window(), self.model.over_time(row), self.services, self.history).show()
-        )
-
-    def _show_dynamics(self) -> None:
-        """Show the dynamics of the chosen run in a window of their own."""
-        path = self.selected()[0].path
-        self.services.notices.attempt(
-            lambda: DynamicsWindow(
-                self.window(), self.model.dynamics(path, self.services), self.services, self.history
-            ).show()
         )
 
     def _show_history(self) -> None:

@@ -55,11 +55,6 @@ class RunEntry:
         return s is not None and s.status != "recording" and s.run_end is not RunEnd.FINISHED and s.steps > 0
 
     @property
-    def under_control(self) -> bool:
-        """Whether its plan sets an elongation."""
-        return self.closed and self.summary is not None and self.summary.controls_elongation
-
-    @property
     def note(self) -> str:
         """The operator's note."""
         return (self.summary.note if self.summary is not None else None) or ""

@@ -28,8 +28,7 @@ from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.formatting import count, number, plain_number
 from boat_daq.viewmodels.common.notices import Notices, Severity
-from boat_daq.viewmodels.common.services import Change, Services, UndoHistory
-from boat_daq.viewmodels.results.dynamics import DynamicsModel
+from boat_daq.viewmodels.common.services import Change, UndoHistory
 from boat_daq.viewmodels.results.metadata import MetadataModel
 from boat_daq.viewmodels.results.run_entry import MOST_COMPARED, RunEntry, read_run, sort_key
 from boat_daq.viewmodels.results.run_result import CurveBands, RunResult, compare_runs
@@ -318,10 +317,6 @@ class RunsModel:
         simulated, cells = lines[row]
         units = self.units.of(simulated=simulated)
         return UnitOverTimeModel(units, cells[0].removesuffix(SIMULATED_MARK), self.jobs, self._notices)
-
-    def dynamics(self, path: Path, services: Services) -> DynamicsModel:
-        """Return the model of the window of a run's dynamics."""
-        return DynamicsModel(self.units, path, self.jobs, services)
 
     def sensitivities(self, unit: str) -> tuple[list[tuple[FloatArray, FloatArray]], str]:
         """Return for each sensor (number of the accepted calibration, sensitivity), oldest first; and the unit.

@@ -19,6 +19,7 @@ from boat_daq.engine.settings import UnitLibrary
 from boat_daq.workflows.unit_control import (
     as_regulator,
     check_setpoint,
+    dynamics_of,
     fusion_of,
     held_elongation,
     identify_unit,
@@ -159,3 +160,10 @@ def test_why_the_control_stops_is_a_message_of_its_own(code):
     assert regulated.stop.kind.name in (code.name, "SENSORS_DISAGREE", f"ELONGATION_{code.name}")
     assert (regulated.stop.cause, regulated.stop.remedy) == ("cause", "remedy")
     assert (regulated.pressure_kpa, regulated.u_mm, regulated.saturated, regulated.lost) == (1.0, 0.1, True, (2,))
+
+
+def test_dynamics_ask_the_units_of_the_runs_own_kind_of_board(tmp_path):
+    """The calibration of a simulated run is sought among simulated units."""
+    sample = Path(__file__).parents[3] / "recordings" / "simulated_SA1_two_cycles.boat"
+    with pytest.raises(RequestError, match="simulated unit SA1 has no accepted calibration"):
+        dynamics_of(UnitLibrary(tmp_path), sample)

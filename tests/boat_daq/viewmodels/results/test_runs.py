@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import os
-import sqlite3
-from contextlib import closing
 from unittest.mock import Mock
 
 import numpy as np
@@ -168,19 +166,6 @@ def test_obstacle_names_why_an_action_is_refused(closed):
     assert "2 recordings are chosen" in obstacle("open", [good, good])
     assert (selection_text([]), selection_text([damaged])) == (NONE_CHOSEN, damaged.problem)
     assert "37 readings" in selection_text([good])
-
-
-def test_a_run_of_elongation_has_dynamics(closed):
-    """A closed run one of whose steps was of elongation; a calibration run has none, nor has one in progress."""
-    run = read_run(closed)
-    assert not run.under_control
-    with closing(sqlite3.connect(closed)) as db, db:
-        db.execute("UPDATE step SET detail = 'no JSON' WHERE id = 1")
-        db.execute("""UPDATE step SET detail = '{"quantity": "mm"}' WHERE id = 2""")
-    run = read_run(closed)
-    assert run.under_control
-    going = dataclasses.replace(run.summary, status="recording")
-    assert not dataclasses.replace(run, summary=going).under_control
 
 
 def test_report_has_the_precision_and_units_of_the_program(monkeypatch, tmp_path):

@@ -293,7 +293,6 @@ def models(window: MainWindow) -> list[Command]:
     return [
         *(_seldom(f"Compute: {n}", partial(m.precision.choose, n), also="precision") for n in LEVELS),
         _seldom("Sweep all designs, or stop", on(Tab.OPTICS, m.optics.toggle_sweep)),
-        _seldom("Optimise beyond the grid, or stop", on(Tab.OPTICS, m.optics.toggle_search)),
         _seldom("Next shadow colouring", next_colouring),
         _seldom("Measure this computer, or stop", on(Tab.ACCURACY, m.tradeoff.toggle)),
     ]

@@ -141,7 +141,7 @@ class MainWindow(QMainWindow):
             Tab.CALIBRATION: lambda: CalibrationPage(m.calibration, services),
             Tab.REPEATABILITY: lambda: RepeatPage(m.repeatability, m.choose_repeatability, services),
             Page.RECORDINGS: lambda: RunsPage(m.runs, m.run_actions, services),
-            Tab.OPTICS: lambda: OpticsPage(m.optics, m.rays, m.confidence, services),
+            Tab.OPTICS: lambda: OpticsPage(m.optics, services),
             Tab.SHADOW: lambda: ShadowPage(m.shadow, m.monitor, services),
             Tab.ACCURACY: lambda: TradeoffPage(m.tradeoff, m.precision, services),
             Tab.VALUES: lambda: SettingsPage(m.settings, m.unit, services),

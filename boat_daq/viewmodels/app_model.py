@@ -19,7 +19,6 @@ from boat_daq.viewmodels.common.notices import Notices, SessionMessages, Severit
 from boat_daq.viewmodels.common.open_windows import OpenWindows
 from boat_daq.viewmodels.common.preferences import Precision, Preferences, UnitChoice
 from boat_daq.viewmodels.common.services import Page, Panel, Place, Services, Tab, UndoHistory
-from boat_daq.viewmodels.common.tolerance import TypedChoice
 from boat_daq.viewmodels.live.camera import CameraModel
 from boat_daq.viewmodels.live.connection import ConnectionModel
 from boat_daq.viewmodels.live.layout import Layouts
@@ -30,15 +29,7 @@ from boat_daq.viewmodels.live.run_model import CalibrationOffer, ResumeRun, RunM
 from boat_daq.viewmodels.live.sequence import SequenceModel
 from boat_daq.viewmodels.live.shadow_live import ShadowLive, ShadowMonitor
 from boat_daq.viewmodels.live.unit_in_use import DisagreementWatch, UnitInUse
-from boat_daq.viewmodels.models.optics import (
-    SUGGESTED_CONFIDENCES,
-    SUGGESTED_RAYS,
-    OpticsModel,
-    confidence_of,
-    confidence_text,
-    rays_of,
-    rays_text,
-)
+from boat_daq.viewmodels.models.optics import OpticsModel
 from boat_daq.viewmodels.models.tradeoff import TradeoffModel
 from boat_daq.viewmodels.results.calibration import CalibrationModel
 from boat_daq.viewmodels.results.csv_import import CsvImport
@@ -106,13 +97,6 @@ class AppModel:
         )
         self.unit_choice = UnitChoice(self.preferences, self._use_units)
         self.precision = Precision(self.preferences, self._use_fidelity)
-        self.rays = TypedChoice(
-            self.services, "the number of rays", SUGGESTED_RAYS, rays_of, self.optics.set_rays, rays_text
-        )
-        self.confidence = TypedChoice(
-            self.services, "the confidence of the race", SUGGESTED_CONFIDENCES, confidence_of,
-            self.optics.set_confidence, confidence_text,
-        )  # fmt: skip
         self._continuous = False  # whether a repeatability run is in progress
         self.snapshot = session.snapshot()
         self._messages = SessionMessages(self.notices, self.snapshot)

@@ -43,20 +43,12 @@ def export_run(path: Path, target: Path, *, progress: Progress | None = None) ->
     return void
 
 
-def export_calibration(
-    path: Path,
-    target: Path,
-    *,
-    curve: str = "",
-    table_error_mm: float | None = None,
-    progress: Progress | None = None,
-) -> str:
+def export_calibration(path: Path, target: Path, *, curve: str = "", progress: Progress | None = None) -> str:
     """Write the calibration of a recording in the form of the suffix of `target`: .json, .h, .m or .csv.
 
     Parameters
     ----------
     curve : choice of `chosen_curve`.
-    table_error_mm : bound on the error of a table; None for the usual one in a CSV, and for no table in C.
 
     Returns
     -------
@@ -67,7 +59,7 @@ def export_calibration(
 
     found = CalibrationFile.of_run(analysed_run(path, curve=curve, progress=progress))
     form = next(form for form, suffix in FORMS.items() if suffix == target.suffix)
-    write_calibration(found, target, form, table_error_mm)
+    write_calibration(found, target, form)
     return ". ".join(found.remarks)
 
 

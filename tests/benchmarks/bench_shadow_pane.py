@@ -143,7 +143,7 @@ def test_step_of_the_optics_slider(qtbot, app_model, capsys):
     from boat_daq.gui.models.optics_page import OpticsPage
     from boat_daq.viewmodels.models.optics import PAPER_DESIGN, trace_design
 
-    page = OpticsPage(app_model.optics, app_model.rays, app_model.confidence, app_model.services)
+    page = OpticsPage(app_model.optics, app_model.services)
     qtbot.addWidget(page)
     app_model.optics.result = trace_design(PAPER_DESIGN, 250)
     page.resize(1150, 660)

@@ -1,12 +1,11 @@
-"""The optics page: a design in the state of a slider, the sweep over all designs, the search beyond them.
+"""The optics page: a design in the state of a slider, and the sweep over all designs.
 
-Its plots are the rays of a state, NDR over the states, the maps of P, and the Pareto front.
+Its plots are the rays of a state, NDR over the states, the designs by merit, and the maps of P.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,6 @@ from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.gui.widgets.layouts import ReflowingPage, Shares
 from boat_daq.viewmodels.common.services import Services
-from boat_daq.viewmodels.common.tolerance import TypedText
 from boat_daq.viewmodels.live import axis
 from boat_daq.viewmodels.live.run_model import UNDER_WAY
 from boat_daq.viewmodels.live.sequence import holding_text
@@ -37,7 +35,6 @@ from boat_daq.viewmodels.models.optics import (
     CURVE_NAMES,
     FACE_NAMES,
     MAPPED_FACE,
-    RANKINGS,
     OpticsModel,
     SweepSummary,
 )
@@ -49,9 +46,6 @@ SHADES = 64
 SCALE_WIDTH = 68
 ON_GRID_MM = 1e-6
 _STRIP_MARGIN = 0.02  # of the strip, for the marks at its ends
-LABEL_MARGIN = 0.1  # of the height, over the highest point
-RAYS_TIP = "A number of rays, or an error (of 250 rays, 95 %) such as ±2 rays; automatic: by the precision in Settings"
-RACE_TIP = "Confidence, such as 95 %, with which \u201cOptimise\u201d finds the best design: up to five minutes more"
 SWEEP_FIRST = "Press \u201cSweep all designs\u201d to "
 
 SCENE = "Rays from the emitter (left) to the receiver (right); 250 at most are drawn, all are counted"
@@ -59,7 +53,6 @@ RESPONSE = (
     "Points: detected rays (NDR) with one sd; line: the cubic through them; P = range / (increases × rms residual)"
 )
 MERIT = "P = range / (increases × rms residual), relative to the best; click a cell to show its design"
-_FRONT = "Up: larger range; left: smoother; filled: no other design is better in all three; click one to show it"
 STRIP = "Designs by falling figure of merit; filled: cannot be told from the best; click one to show it"
 FROM_FILE = "file"
 WHAT_COMES = "Press \u201cSweep all designs\u201d to find which of 648 designs is best, and how sure that is."
@@ -250,54 +243,6 @@ class MapsCard(PlotCard):
         self.show_sweep()
 
 
-class ParetoCard(PlotCard):
-    """Delta against RMSE of all designs; the front is filled and labelled with n_sign, a click shows a design."""
-
-    def __init__(self, model: OpticsModel) -> None:
-        super().__init__("Range against rms residual", _FRONT)
-        self.model = model
-        self.plot = self.add("Range, \u0394", "rays", x_title="Rms residual", x_unit="rays")
-        self.all = self.plot.points("Designs", lambda t: t.target, filled=False, size=5)
-        self.front = self.plot.points("Pareto front", lambda t: t.accent)
-        self.paper = self.plot.points("Paper's optimum", sensor_colour(2), symbol="d", size=12)
-        self.numbers = self.plot.labels((0.5, 1.2))
-        for layer in (self.all, self.front):
-            layer.item.sigClicked.connect(self._clicked)
-
-    def _clicked(self, _: Any, spots: Any, *__: Any) -> None:
-        """Show the design under the mouse."""
-        s = self.model.sweep
-        if s is not None and len(spots):
-            at = spots[0].pos()
-            nearest = int(np.argmin((s.merit.rmse - at.x()) ** 2 + (s.merit.delta - at.y()) ** 2))
-            n, width, depth, spacing = (float(v) for v in s.values[nearest])
-            self.model.choose((int(n), width, depth, spacing), MAPPED_FACE)
-
-    def show_sweep(self) -> None:
-        """Draw the sweep."""
-        s = self.model.sweep
-        self.show_empty("" if s is not None else f"{SWEEP_FIRST}compare the designs, one point each.")
-        if s is None:
-            self.numbers.set([])
-            self.clear()
-            return
-        for layer, chosen in (
-            (self.all, slice(None)), (self.front, s.front), (self.paper, [s.paper] if s.paper >= 0 else [])
-        ):  # fmt: skip
-            layer.set(s.merit.rmse[chosen], s.merit.delta[chosen])
-        front = zip(self.front.x, self.front.y, s.merit.n_sign[s.front], strict=True)
-        self.numbers.set([(float(x), float(y), str(int(n_sign))) for x, y, n_sign in front])
-        self.readout.setText("\u25cf Pareto-optimal (label: increases)   \u25c6 paper's")
-        self.plot.fit()
-        low, high = self.plot.item.getViewBox().viewRange()[1]
-        self.plot.y_range(low, high + LABEL_MARGIN * (high - low))
-
-    def columns(self) -> Columns:
-        """Return every design of the sweep with the three figures and whether it is on the front."""
-        s = self.model.sweep
-        return {} if s is None else designs(s) | {"on the front": s.front.astype(int)}
-
-
 class StripCard(PlotCard):
     """All designs by falling figure of merit: best and paper's marked, those that cannot be told apart filled."""
 
@@ -349,12 +294,12 @@ class StripCard(PlotCard):
 class OpticsPage(ReflowingPage):
     """The optics page: which design is best and how sure that is, and one design in its states."""
 
-    def __init__(self, model: OpticsModel, rays: TypedText, confidence: TypedText, services: Services) -> None:
+    def __init__(self, model: OpticsModel, services: Services) -> None:
         super().__init__()
         self.model, self.services = model, services
         self._revision = -1
         self.scene, self.response = SceneCard(), ResponseCard()
-        self.strip, self.maps, self.pareto = StripCard(model), MapsCard(model), ParetoCard(model)
+        self.strip, self.maps = StripCard(model), MapsCard(model)
         self.slider = QSlider(Qt.Orientation.Horizontal)
         self.slider.setAccessibleName("State, from compressed to elongated")
         self.slider.setRange(0, STATES - 1)
@@ -365,10 +310,9 @@ class OpticsPage(ReflowingPage):
         states = controls.row(controls.label("compressed", "small"), self.slider, controls.label("elongated", "small"))
         keep = services.preferences
         shown = controls.holder(controls.column(self._design(), (self.scene, 1), states, spacing=style.GAP))
-        self.details = controls.inside(controls.column(self._details(rays, confidence)))
+        self.details = controls.inside(controls.column(self._details()))
         self.details.hide()
-        self.pareto.hide()
-        left = Shares("maps", keep, (self.strip, 2), (self.maps, 5), (self.pareto, 4))
+        left = Shares("maps", keep, (self.strip, 2), (self.maps, 5))
         right = Shares("rays", keep, (shown, 5), (self.response, 4))
         across = Shares("optics", keep, (left, 1), (right, 1), beside=True)
         layout = controls.page_layout(self)
@@ -383,12 +327,10 @@ class OpticsPage(ReflowingPage):
         attempt = self.services.notices.attempt
         self.best, self.paper = controls.label("", "subtitle", wrap=True), controls.label("", wrap=True)
         self.certainty = controls.label("", "muted", wrap=True, name="How sure the best design is")
-        self.outcome = controls.label("", "muted", wrap=True, name="Result of the search")
+        self.outcome = controls.label("", "muted", wrap=True, name="Why there is no sweep")
         texts = controls.column(self.best, self.paper, self.certainty, self.outcome)
         self.sweep_button = controls.button("Sweep all designs", lambda: attempt(self._sweep), "primary")
-        self.details_button = controls.button(
-            "Details", self._toggle_details, tip="Ranks, subsets, turns, search, rays"
-        )
+        self.details_button = controls.button("Details", self._toggle_details, tip="Ranks, turns, errors, shape")
         self.details_button.setCheckable(True)
         self.best_button = controls.button("Show best", self.model.show_best)
         self.paper_button = controls.button("Show paper's", self.model.show_paper)
@@ -400,10 +342,7 @@ class OpticsPage(ReflowingPage):
         self.model.toggle_sweep(self.model.more_rays)
 
     def _toggle_details(self) -> None:
-        shown = self.details_button.isChecked()
-        self.details.setVisible(shown)
-        self.pareto.setVisible(shown)
-        self.strip.setVisible(not shown)
+        self.details.setVisible(self.details_button.isChecked())
 
     def _design(self) -> QWidget:
         """Return the design that is shown, a labelled choice for each of its values."""
@@ -418,29 +357,13 @@ class OpticsPage(ReflowingPage):
         names = ("Cavities", "Width, mm", "Depth, mm", "Spacing, mm", "Face")
         return controls.inside(labelled(zip(names, (*self.fields.values(), self.face), strict=True)))
 
-    def _details(self, rays: TypedText, confidence: TypedText) -> QHBoxLayout:
-        """Return the ranks of the sweep, and how it is traced and searched."""
+    def _details(self) -> QHBoxLayout:
+        """Return the ranks of the sweep, and the shape it is traced with."""
         curves = [*((words, name) for name, words in CURVE_NAMES.items()), ("From a file \u2026", FROM_FILE)]
         tip = "Shape of the actuator's wall in each state: computed, by a formula, or measured"
         self.curves = controls.choice("Deformation curves", curves, self._choose_curves, tip=tip)
-        attempt = self.services.notices.attempt
-        self.rays = controls.typed("Rays", rays, attempt, tip=RAYS_TIP)
-        self.confidence = controls.typed("Confidence of the search's race", confidence, attempt, tip=RACE_TIP)
-        rankings = [(words, by) for by, words in RANKINGS.items()]
-        tip = "Detected rays are counted as in the paper; power includes every reflection and takes five times as long"
-        self.by = controls.choice("Ranking", rankings, self.model.set_by, tip=tip)
-        tip = "Search width, depth, spacing, count and face beyond the grid, under a minute"
-        self.search_button = controls.button("Optimise", partial(attempt, self.model.toggle_search), tip=tip)
-        self.show_button = controls.button("Show it", self.model.show_optimum, name="Show the optimised design")
         self.ranks = controls.label("", "muted", wrap=True, name="Ranks, turns and errors of the sweep")
-        fields = (
-            ("Shape", self.curves),
-            ("Rays", self.rays),
-            ("Ranking", self.by),
-            ("Race of the search", self.confidence),
-        )
-        settings = controls.column(labelled(fields), controls.row(self.search_button, self.show_button, None))
-        return controls.row((self.ranks, 1), settings)
+        return controls.row((self.ranks, 1), labelled([("Shape", self.curves)]))
 
     def _choose(self, _: object) -> None:
         n, width, depth, spacing = (field.currentData() for field in self.fields.values())
@@ -469,12 +392,9 @@ class OpticsPage(ReflowingPage):
             select(field, value, f"{value:.3g}")
         select(self.face, self.model.face, self.model.face)
         select(self.curves, self.model.curves, CURVE_NAMES.get(self.model.curves) or Path(self.model.curves).name)
-        self.by.setCurrentIndex(self.by.findData(self.model.by))
 
     def refresh(self, snapshot: SessionSnapshot | None = None) -> None:
-        """Show design, sweep and search where they have changed; the first call traces the paper's design."""
-        self.rays.follow()
-        self.confidence.follow()
+        """Show design and sweep where they have changed; the first call traces the paper's design."""
         model = self.model
         running = snapshot is not None and (snapshot.state in UNDER_WAY or bool(holding_text(snapshot)))
         if model.result is None and not running and not model.running("optics") and not model.problem:
@@ -490,7 +410,6 @@ class OpticsPage(ReflowingPage):
         self._revision = model.revision
         self._show_choices()
         self._show_answer()
-        self.show_button.setVisible(model.optimum is not None)
         self.scene.show_state(model)
         self.scene.plot.fit()
         self.response.show_result(model)
@@ -499,14 +418,12 @@ class OpticsPage(ReflowingPage):
                 card.show_empty(RUNNING)
         self.maps.follow_design()
         self.strip.show_sweep()
-        self.pareto.show_sweep()
 
     def _show_buttons(self) -> None:
         model = self.model
         more = f"Trace {number(model.more_rays, 0)} rays" if model.more_rays else "Sweep all designs"
         controls.set_text(self.sweep_button, "Stop the sweep" if model.running("sweep") else more)
         controls.set_state(self.sweep_button, "" if model.more_rays else "primary", "role")
-        controls.set_text(self.search_button, "Stop the search" if model.running("optimise") else "Optimise")
 
     def _show_answer(self) -> None:
         """Show which design is best, and how sure that is."""
@@ -515,7 +432,7 @@ class OpticsPage(ReflowingPage):
         self.best.setText(f"Best: {best}" if best else WHAT_COMES)
         self.paper.setText(f"Paper: {paper}")
         self.certainty.setText(model.certainty_text())
-        self.outcome.setText(model.outcome_text())
+        self.outcome.setText(f"\u25b2 {model.sweep_problem}" if model.sweep_problem else "")
         self.ranks.setText(model.sweep_text() or "Ranks are shown here once all designs are swept.")
         for label, shown in (
             (self.paper, bool(paper)),

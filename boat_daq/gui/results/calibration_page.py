@@ -43,7 +43,6 @@ BANDS = "Uncertainty bands"
 BANDS_TIP = "Bands that include the grid of the readings, by sampling (emcee); takes a while, in the background"
 BANDS_SHOWN = "Bands: 68 % and 95 % of the curve; the widest, once sampled (emcee), 95 % of a new reading"
 EXPORT_TIP = "For other programs: JSON, C header, MATLAB or Octave function, or table"
-TABLE_ERROR_TIP = "Greatest error of an exported table, mm; automatic: 0.001 mm in CSV, no table in a C header"
 ACCEPT_TIP = "Store it with the unit and use it live"
 ANYWAY_TIP = "Store it with the unit, marked as out of tolerance, and use it live"
 _NO_CYCLE = "A loop needs one complete cycle."
@@ -373,12 +372,8 @@ class CalibrationPage(QWidget):
         self.candidates = DataTable("Curves compared", self.model.curve_headings(), stretched=0, right=(2, 3))
         self.candidates.explain(CURVE_TIPS)
         self.export = controls.button("Export calibration \u2026", self.ask_export, tip=EXPORT_TIP)
-        attempt, name = self.services.notices.attempt, "Error of an exported table"
-        self.table_error = controls.typed(name, self.model.table_error, attempt, tip=TABLE_ERROR_TIP)
         line = controls.row(controls.label("Curve"), self.choice, None, self.export)
-        table = controls.row(controls.label(name), self.table_error, None)
-        lines = line, table
-        return controls.inside(controls.column(style.GAP, *lines, (self.candidates, 1), spacing=style.GAP))
+        return controls.inside(controls.column(style.GAP, line, (self.candidates, 1), spacing=style.GAP))
 
     def _choose_curve(self, name: str) -> None:
         self.services.notices.attempt(lambda: self.model.choose_curve(name))
@@ -402,7 +397,6 @@ class CalibrationPage(QWidget):
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the result where it has changed."""
-        self.table_error.follow()
         if self.model.revision == self._revision:
             return
         self._revision = self.model.revision

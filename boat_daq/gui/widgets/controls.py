@@ -30,7 +30,6 @@ from PySide6.QtWidgets import (
 )
 
 from boat_daq.gui import style
-from boat_daq.viewmodels.common.tolerance import TypedText
 
 Item = QWidget | QLayout | int | None | tuple[QWidget | QLayout, int]
 """A part of a row or column: a widget or layout, with its share of the length or without; a space; None a stretch."""
@@ -117,57 +116,6 @@ def choice(
     if on_choice:
         widget.activated.connect(lambda i: on_choice(widget.itemData(i)))
     return _dressed(widget, "", name, tip)
-
-
-class TypedField(QComboBox):
-    """A choice of texts of which any other may be typed; a refused one stays, marked, until another is entered.
-
-    Parameters
-    ----------
-    attempt : runs an action and returns whether it succeeded; reports why it did not.
-    """
-
-    def __init__(self, name: str, shown: TypedText, attempt: Callable[[Callable[[], object]], bool]) -> None:
-        super().__init__()
-        self.shown, self._attempt = shown, attempt
-        self._entered = self._in_force = ""
-        self.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToContents)
-        self.setInsertPolicy(QComboBox.InsertPolicy.NoInsert)
-        self.addItems(shown.suggestions)
-        self.setEditable(True)
-        self.typed = field(name)
-        self.setLineEdit(self.typed)
-        self.setCompleter(None)  # type: ignore[arg-type]  # else what is typed is completed to a suggestion
-        self.activated.connect(lambda _: self._enter())
-        self.typed.editingFinished.connect(self._enter)
-        self.follow()
-
-    def follow(self) -> None:
-        """Show the text in force where it has changed; what is being typed, or was refused, stays until then."""
-        if self.shown.text != self._in_force:
-            self._show()
-
-    def _enter(self) -> None:
-        """Take the text, once: Return and the loss of the focus both end an edit."""
-        text = self.currentText().strip()
-        if text != self._entered:
-            self._entered = text
-            accepted = self._attempt(lambda: self.shown.choose(text))
-            if accepted:
-                self._show()
-            set_state(self, "" if accepted else "true", "wrong")
-
-    def _show(self) -> None:
-        self._entered = self._in_force = self.shown.text
-        self.setCurrentIndex(self.findText(self._entered))
-        self.setEditText(self._entered)
-        self.typed.setCursorPosition(0)
-        set_state(self, "", "wrong")
-
-
-def typed(name: str, shown: TypedText, attempt: Callable[[Callable[[], object]], bool], *, tip: str = "") -> TypedField:
-    """Return a field for a value that is chosen from suggestions or typed; parameters as `TypedField`."""
-    return _dressed(TypedField(name, shown, attempt), "", name, tip)
 
 
 def card(*items: Item) -> tuple[QFrame, QVBoxLayout]:

@@ -1,4 +1,4 @@
-"""The optics page: a design's rays in the 15 states, the sweep over all designs, the search beyond them.
+"""The optics page: a design's rays in the 15 states, and the sweep over all designs.
 
 Rules: rays are traced in helper processes; the states of a design arrive together, so that the slider only selects.
 Results are kept by deformation curves: `default` is the set that ships, `parametric` the one in closed form, anything
@@ -7,12 +7,10 @@ else the path of a file.
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -22,46 +20,26 @@ from analysis.optics.scene.parameters import STATES, STEPS_MM
 from analysis.progress import Progress, part_of
 from boat_daq.formatting import count, number
 from boat_daq.viewmodels.common.notices import Notices, Severity, sentence
-from boat_daq.viewmodels.common.tolerance import AUTOMATIC, plain_text
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
-from protocol.base.arrays import BoolArray, FloatArray, IntArray
-from protocol.base.errors import DataError, RequestError
+from protocol.base.arrays import FloatArray, IntArray
+from protocol.base.errors import DataError
 
 if TYPE_CHECKING:
     from analysis.optics.scene.frame import SceneFrame
-    from analysis.optics.scene.parameters import By, Design, Light, Waveguide
+    from analysis.optics.scene.parameters import Design, Light, Waveguide
     from analysis.optics.sweep.figure_of_merit import Merit
-    from analysis.optics.sweep.optimise import Optimum
-    from analysis.optics.sweep.race import Race
 
 Values = tuple[int, float, float, float]
 """Cavities, width, depth, spacing (mm) of a design."""
+_Key = tuple[Values, str, int, str]  # of a traced design: with its face, rays and curves
 _GAP = np.full((1, 2), np.nan)
 CAVITIES = (3, 5, 7)
 MORE_RAYS = (1_000, 2_500, 10_000, 25_000, 100_000)  # of the next sweep
 PAPER_DESIGN: Values = (5, 1.0, 0.5, 0.9)
-BY_FIDELITY = 0
-
-
-@dataclass(frozen=True, slots=True)
-class Within:
-    """In place of a number of rays: as many as leave this greatest error of a count, rays of 250 (k = 2)."""
-
-    error: float
-
-
-SUGGESTED_RAYS: tuple[int | Within, ...] = (BY_FIDELITY, 250, 1000, 2500, 10_000, Within(5.0), Within(1.0), Within(0.2))
-AUTOMATIC_RAYS = "Rays: automatic"
-NO_RACE = "Race: none"
-SUGGESTED_CONFIDENCES = (None, 0.9, 0.95, 0.99)
-RAYS_OR_ERROR = re.compile(r"(?:error)?(\u00b1|\+-)?([^r]+)(rays)?")
 FACE_NAMES = {"outer": "Outer face", "inner": "Inner face", "both": "Both faces", "midline": "Voids inside"}
 MAPPED_FACE = next(iter(FACE_NAMES))
 """Face of the designs that a sweep maps."""
-RANKINGS: dict[By, str] = {"count": "By detected rays", "power": "By detected power"}
 CURVE_NAMES = {"default": "Shape from the shadow", "parametric": "Shape by formula"}
-SEARCH_S = 50.0
-RACE_S = 300.0  # after the search; the designs that are left then have the best among them all the same
 _KEPT = 12
 DRAWN_RAYS = 250
 """Most rays that are drawn of a state; more of them only blacken the picture."""
@@ -80,7 +58,7 @@ class StateScene(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class DesignResult:
-    """One design in all states; `ndr` counts rays of 250, or is the power of 250 rays.
+    """One design in all states; `ndr` counts rays of 250.
 
     Parameters
     ----------
@@ -102,17 +80,16 @@ class SweepSummary:
 
     Parameters
     ----------
-    values : [n, 4] cavities, width, depth, spacing. merit, tied, front, ranks : [n].
+    values : [n, 4] cavities, width, depth, spacing. merit, tied, ranks : [n].
     best, paper : index of the best design and of the paper's, -1 without it.
     seconds, simulated, rays : duration, number of simulations, rays of each.
     rank_text, winners, fans : rank of the paper's optimum, and designs that win one of the turns of the fan.
-    power_text, error_text : errors of the power where it ranks the designs; errors of counts or powers.
+    error_text : errors of the counts.
     """
 
     values: FloatArray
     merit: Merit
     tied: FloatArray
-    front: BoolArray
     best: int
     paper: int
     ranks: IntArray
@@ -122,7 +99,6 @@ class SweepSummary:
     rank_text: str = ""
     winners: int = 0
     fans: int = 1
-    power_text: str = ""
     error_text: str = ""
 
     def strip(self) -> tuple[IntArray, FloatArray]:
@@ -137,52 +113,6 @@ class SweepSummary:
         depth, spacing = (np.abs(self.values[chosen, k, None] - np.array(steps)).argmin(axis=1) for k in (2, 3))
         out[spacing, depth] = self.merit.p_normalised[chosen]
         return out
-
-
-def rays_text(rays: int | Within) -> str:
-    """Return a number of rays, or their error, as it is shown."""
-    if isinstance(rays, Within):
-        return f"Error \u00b1{rays.error:.10g} rays"
-    return f"{rays} rays" if rays != BY_FIDELITY else AUTOMATIC_RAYS
-
-
-def rays_of(text: str) -> int | Within:
-    """Return the number of rays that was typed, as "300 rays", or their error, as "\u00b12 rays"."""
-    from analysis.optics.scene.parameters import Light
-
-    plain = plain_text(text)
-    if plain in ("", AUTOMATIC.lower(), plain_text(AUTOMATIC_RAYS)):
-        return BY_FIDELITY
-    found = RAYS_OR_ERROR.fullmatch(plain)
-    try:
-        value = float(found[2]) if found else math.nan
-    except ValueError:
-        value = math.nan
-    if found and found[1] and 0.0 < value < math.inf:
-        return Within(value)
-    if found and found[3] and not found[1] and value.is_integer():
-        return Light(rays=int(value), secondary=0).rays
-    remedy = f"Enter their number, as 300 rays, their error of 250 rays, as \u00b12 rays, or {AUTOMATIC}."
-    raise RequestError(f"{text!r} is neither a number of rays nor an error", remedy)
-
-
-def confidence_text(confidence: float | None) -> str:
-    """Return the confidence of a race as it is shown."""
-    return NO_RACE if confidence is None else f"Race: {100.0 * confidence:.10g} %"
-
-
-def confidence_of(text: str) -> float | None:
-    """Return the confidence that was typed, as "95 %" or "0.95"; None for no race."""
-    plain = plain_text(text).removeprefix("race:")
-    if plain in ("", "none"):
-        return None
-    try:
-        value = float(plain.removesuffix("%")) * (0.01 if plain.endswith("%") else 1.0)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value < 1.0:
-        raise RequestError(f"{text!r} is not a confidence", f"Enter more than 0 and less than 100 %, or {NO_RACE}.")
-    return value
 
 
 def curves_of(name: str) -> FloatArray:
@@ -205,69 +135,34 @@ def elongations_of(name: str, curves: FloatArray) -> FloatArray:
     return np.asarray(apart - apart[REST_STATE])
 
 
-def light_for(rays: int | Within, designs: tuple[Design, ...], curves: FloatArray, by: By) -> Light:
-    """Return the light of a number of rays, or of as many as a tolerance takes for some designs."""
-    from analysis.optics.scene.parameters import PAPER_RAYS, light_by
-    from analysis.optics.sweep.fans import light_within
-    from analysis.optics.sweep.sweep import SweepRequest
-
-    if isinstance(rays, int):
-        return light_by(by, rays)
-    return light_within(SweepRequest(designs, light=light_by(by, PAPER_RAYS), curves=curves, by=by), rays.error)
-
-
 def trace_design(
-    values: Values,
-    rays: int | Within,
-    curves: str = "default",
-    face: str = "outer",
-    by: By = "count",
-    *,
-    progress: Progress | None = None,
+    values: Values, rays: int, curves: str = "default", face: str = "outer", *, progress: Progress | None = None
 ) -> DesignResult:
     """Return a design's rays and response in every state.
 
     Parameters
     ----------
     values : cavities, width, depth, spacing (mm).
-    rays : number in each state, or the largest error of a state, which chooses it.
+    rays : number in each state.
     """
     from analysis.optics.scene.curves import frames_of
-    from analysis.optics.scene.parameters import Design, Waveguide
+    from analysis.optics.scene.parameters import Design, Waveguide, light_by
     from analysis.optics.sweep.figure_of_merit import merit, resolution
-    from analysis.optics.tracer.tolerance import TRIES, finer, stated_error, unmet
+    from analysis.optics.tracer.simulation import trace
+    from analysis.optics.tracer.tolerance import stated_error
 
     design = Design(*values, face)  # type: ignore[arg-type]  # Design checks the face
-    guide, states = Waveguide(), curves_of(curves)
-    light, frames = light_for(rays, (design,), states, by), frames_of(states, guide)
-    tolerance = rays.error if isinstance(rays, Within) else math.inf
-    for _ in range(TRIES):
-        ndr, ndr_sd = _detected(frames, design, guide, light, by, progress)
-        error, traced = stated_error(ndr_sd, light.rays), light.rays
-        if not np.any(error > tolerance):
-            scenes = tuple(_scene(frame, design, guide, light) for frame in frames)
-            found = merit(ndr, resolution(traced))
-            return DesignResult(scenes, elongations_of(curves, states), ndr, ndr_sd, found, error, traced)
-        mirrored = all(bool(frame.mirrored) for frame in frames)
-        light = finer(light, float(error.max()), tolerance, guide.thickness_mm, mirrored=mirrored)
-    raise unmet(traced, float(error.max()))
-
-
-def _detected(
-    frames: Sequence[SceneFrame], design: Design, guide: Waveguide, light: Light, by: By, progress: Progress | None
-) -> FloatArray:
-    """Return what is detected in each state, of 250 rays, and its standard deviation, [2, states]."""
-    from analysis.optics.scene.parameters import PAPER_RAYS
-    from analysis.optics.tracer.simulation import trace
-
-    detected = []
+    guide, states, light = Waveguide(), curves_of(curves), light_by("count", rays)
+    frames, counts = frames_of(states, guide), []
     for done, frame in enumerate(frames):
         outcome = trace(frame, design, guide, light, progress=part_of(progress, done, 1, len(frames)))
-        power = PAPER_RAYS * outcome.power, PAPER_RAYS * outcome.power_sd
-        detected.append((outcome.ndr, outcome.ndr_sd) if by == "count" else power)
+        counts.append((outcome.ndr, outcome.ndr_sd))
         if progress is not None:
             progress(done + 1, len(frames))
-    return np.array(detected).T
+    ndr, ndr_sd = np.array(counts).T
+    scenes = tuple(_scene(frame, design, guide, light) for frame in frames)
+    found, error = merit(ndr, resolution(light.rays)), stated_error(ndr_sd, light.rays)
+    return DesignResult(scenes, elongations_of(curves, states), ndr, ndr_sd, found, error, light.rays)
 
 
 def _scene(frame: SceneFrame, design: Design, guide: Waveguide, light: Light) -> StateScene:
@@ -290,59 +185,27 @@ def _joined(lines: Sequence[FloatArray]) -> FloatArray:
 
 
 def sweep(
-    cavities: tuple[int, ...],
-    rays: int | Within,
-    curves: str = "default",
-    by: By = "count",
-    *,
-    progress: Progress | None = None,
+    cavities: tuple[int, ...], rays: int, curves: str = "default", *, progress: Progress | None = None
 ) -> SweepSummary:
-    """Return the sweep of the paper's grid of designs with a number of rays, or as many as an error takes."""
-    from analysis.optics.scene.parameters import PAPER_OPTIMUM
+    """Return the sweep of the paper's grid of designs with a number of rays."""
+    from analysis.optics.scene.parameters import PAPER_OPTIMUM, light_by
     from analysis.optics.sweep.fans import compare_fans, fans_of
-    from analysis.optics.sweep.figure_of_merit import pareto
-    from analysis.optics.sweep.report import error_text, power_text, rank_text
+    from analysis.optics.sweep.report import error_text, rank_text
     from analysis.optics.sweep.sweep import SweepRequest, paper_grid, run_sweep
 
     designs, states = tuple(paper_grid(cavities)), curves_of(curves)
-    light = light_for(rays, designs, states, by)
-    request = SweepRequest(designs, light=light, curves=states, by=by)
+    light = light_by("count", rays)
+    request = SweepRequest(designs, light=light, curves=states)
     fans, size = fans_of(light.rays), len(request.designs) * len(request.curves)
     result = run_sweep(request, progress=part_of(progress, 0, size, fans * size))
     turned = compare_fans(result, fans, progress=part_of(progress, size, (fans - 1) * size, fans * size))
     found = result.merit()
     paper = result.find(PAPER_OPTIMUM)
     values = np.array([d.values[:4] for d in result.designs], dtype=float)
-    front = np.asarray(pareto(found.delta, found.rmse, found.n_sign), dtype=bool)
     return SweepSummary(
-        values, found, result.uncertainty().tied, front, int(np.argmax(found.p)), -1 if paper is None else paper,
+        values, found, result.uncertainty().tied, int(np.argmax(found.p)), -1 if paper is None else paper,
         result.ranks(), result.seconds, result.simulated, light.rays, rank_text(turned), len(turned.winners()), fans,
-        power_text(result) if by == "power" else "", error_text(result),
-    )  # fmt: skip
-
-
-def search(
-    curves: str = "default",
-    seconds: float = 50.0,
-    tolerance: float | None = None,
-    confidence: float | None = None,
-    *,
-    progress: Progress | None = None,
-) -> Optimum:
-    """Return the best design found beyond the grid, on detected power.
-
-    Parameters
-    ----------
-    seconds : approximate duration.
-    tolerance : largest error of the winners' power in the final evaluation, rays of 250; None for any.
-    confidence : probability that a race finds the best of the designs evaluated; None for no race.
-    """
-    from analysis.optics.scene.parameters import Waveguide
-    from analysis.optics.sweep.optimise import optimise
-
-    return optimise(
-        Waveguide(), curves_of(curves), seconds=seconds, confidence=confidence, race_seconds=RACE_S,
-        tolerance=tolerance, progress=progress,
+        error_text(result),
     )  # fmt: skip
 
 
@@ -355,39 +218,30 @@ class OpticsModel:
         self.face = MAPPED_FACE
         self.curves = next(iter(CURVE_NAMES))
         self.state = STATES // 2
-        self.rays: int | Within = BY_FIDELITY
-        self.confidence: float | None = None  # of the race of the next search; None for no race
-        self.by: By = "count"
         self.fidelity: Fidelity = fidelity()
         self.result: DesignResult | None = None
         self.problem = ""  # why the chosen design has no result
-        self.problems: dict[str, str] = {}  # why the last "sweep" or search ("optimise") has none
+        self.sweep_problem = ""  # why the last sweep has none
         self.revision = 0
-        self._kept: dict[tuple[Values, str, int | Within, str, By], DesignResult] = {}
-        self._sweeps: dict[tuple[str, By], SweepSummary] = {}
-        self._optima: dict[str, Optimum] = {}
+        self._kept: dict[_Key, DesignResult] = {}
+        self._sweeps: dict[str, SweepSummary] = {}
         self._shown = self._key()  # of the result
 
     def show_shipped(self, load: Callable[[], SweepSummary]) -> None:
         """Show the sweep that ships with the program until another one is made."""
-        key: tuple[str, By] = (next(iter(CURVE_NAMES)), "count")
+        key = next(iter(CURVE_NAMES))
         if key not in self._sweeps:
             self._sweeps[key] = load()
             self.revision += 1
 
     def running(self, name: str) -> bool:
-        """Return whether rays are traced: of one design ("optics"), of a "sweep", or to "optimise"."""
+        """Return whether rays are traced: of one design ("optics"), or of a "sweep"."""
         return self.jobs.get(name) is not None
 
     @property
     def sweep(self) -> SweepSummary | None:
-        """The sweep with the chosen deformation curves and ranking."""
-        return self._sweeps.get((self.curves, self.by))
-
-    @property
-    def optimum(self) -> Optimum | None:
-        """The result of the search with the chosen deformation curves."""
-        return self._optima.get(self.curves)
+        """The sweep with the chosen deformation curves."""
+        return self._sweeps.get(self.curves)
 
     # ---- one design ----------------------------------------------------------------------------------------------
 
@@ -399,10 +253,10 @@ class OpticsModel:
         if key in self._kept:
             self.result, self._shown = self._kept[key], key
             return
-        job = Job("Tracing rays", trace_design, values, self.traced_rays, self.curves, self.face, self.by)
+        job = Job("Tracing rays", trace_design, values, self.fidelity.rays, self.curves, self.face)
         self.jobs.start("optics", job, lambda job: self._traced(job, key))
 
-    def _traced(self, job: Job, key: tuple[Values, str, int | Within, str, By]) -> None:
+    def _traced(self, job: Job, key: _Key) -> None:
         """Keep a traced design; show it, or why there is none, if it is still the chosen one."""
         self.revision += 1
         if job.state is JobState.DONE:
@@ -422,33 +276,8 @@ class OpticsModel:
         waits = self.running("optics") or bool(self.problem)
         return self.result is not None and waits and self._shown != self._key()
 
-    def _key(self) -> tuple[Values, str, int | Within, str, By]:
-        return self.values, self.face, self.traced_rays, self.curves, self.by
-
-    @property
-    def traced_rays(self) -> int | Within:
-        """Rays of one design: the chosen number, else that of the fidelity."""
-        return self.rays or self.fidelity.rays
-
-    @property
-    def swept_rays(self) -> int | Within:
-        """Rays of each simulation of a sweep: the chosen number, else that of the fidelity."""
-        return self.rays or self.fidelity.ranking_rays
-
-    def set_rays(self, rays: int | Within) -> None:
-        """Trace with another number of rays, or a tolerance; `BY_FIDELITY` leaves it to the precision."""
-        self.rays = rays
-        if self.result is not None or self.running("optics") or self.problem:  # else the page traces its first design
-            self.choose(self.values)
-
-    def set_confidence(self, confidence: float | None) -> None:
-        """Let the next search find the best of its designs with this confidence; None for no race."""
-        self.confidence = confidence
-
-    def set_by(self, by: By) -> None:
-        """Rank designs by counted rays or by power."""
-        self.by = by
-        self.choose(self.values)
+    def _key(self) -> _Key:
+        return self.values, self.face, self.fidelity.rays, self.curves
 
     def set_fidelity(self, level: Fidelity) -> None:
         """Set the precision of the next traces and sweeps; a trace that is running begins again."""
@@ -473,17 +302,9 @@ class OpticsModel:
             return text
         x = number(float(self.result.elongation_mm[self.state]), 2, sign=True)
         value, error = float(self.result.ndr[self.state]), float(self.result.error[self.state])
-        if self._shown_by == "count":
-            detected = f"NDR {with_uncertainty(value, error)} of 250 rays"
-        else:
-            detected = f"{with_uncertainty(value / 2.5, error / 2.5)} % of the light"
+        detected = f"NDR {with_uncertainty(value, error)} of 250 rays"
         before = "   (design before)" if self.outdated else ""
         return f"{text}: {x} mm   {detected} (k = 2), {number(self.result.rays, 0)} rays a fan{before}"
-
-    @property
-    def _shown_by(self) -> By:
-        """What the shown result measures."""
-        return self._shown[-1]
 
     def drawn_text(self) -> str:
         """Return how many of the rays are drawn, where it is not all of them."""
@@ -520,15 +341,17 @@ class OpticsModel:
         now = sentence(doing) if doing else "Not traced yet."
         return f"{now} Drawn next: {drawn}."
 
-    # ---- the sweep and the search --------------------------------------------------------------------------------
+    # ---- the sweep -----------------------------------------------------------------------------------------------
 
-    def toggle_sweep(self, rays: int | Within = BY_FIDELITY) -> None:
-        """Start a sweep over all designs with this number of rays or the chosen one, or stop the running sweep."""
+    def toggle_sweep(self, rays: int = 0) -> None:
+        """Start a sweep over all designs with this number of rays, 0 for the precision's; or stop the running one."""
         if self.running("sweep"):
             self.jobs.cancel("sweep")
             return
-        job = Job("Sweeping 9 720 simulations", sweep, CAVITIES, rays or self.swept_rays, self.curves, self.by)
-        self._toggle("sweep", self._sweeps, (self.curves, self.by), job)
+        curves, self.sweep_problem = self.curves, ""
+        job = Job("Sweeping 9 720 simulations", sweep, CAVITIES, rays or self.fidelity.ranking_rays, curves)
+        self.jobs.start("sweep", job, lambda job: self._swept(job, curves))
+        self.revision += 1
 
     @property
     def more_rays(self) -> int:
@@ -580,27 +403,13 @@ class OpticsModel:
         n, width, depth, spacing = (float(v) for v in s.values[index])
         self.choose((int(n), width, depth, spacing), MAPPED_FACE)
 
-    def toggle_search(self) -> None:
-        """Start the search beyond the grid, or stop the running one."""
-        tolerance = self.rays.error if isinstance(self.rays, Within) else None
-        job = Job("Searching beyond the grid", search, self.curves, SEARCH_S, tolerance, self.confidence)
-        self._toggle("optimise", self._optima, self.curves, job)
-
-    def _toggle(self, name: str, results: dict[Any, Any], key: object, job: Job) -> None:
-        if self.running(name):
-            self.jobs.cancel(name)
-            return
-        self.problems.pop(name, None)
-        self.jobs.start(name, job, lambda job: self._ended(name, job, results, key))
-        self.revision += 1
-
-    def _ended(self, name: str, job: Job, results: dict[Any, Any], key: object) -> None:
-        """Keep the result of a sweep or a search under `key`, or its problem under `name`."""
+    def _swept(self, job: Job, curves: str) -> None:
+        """Keep a sweep, or why there is none."""
         self.revision += 1
         if job.failure is not None:
-            self.problems[name] = self._reported(job)
+            self.sweep_problem = self._reported(job)
         elif job.state is JobState.DONE:
-            results[key] = job.result
+            self._sweeps[curves] = job.result
 
     def _reported(self, job: Job) -> str:
         """Add the failure of a job to the notices and return it as text; nothing for a cancelled one."""
@@ -609,11 +418,6 @@ class OpticsModel:
             return ""
         self.notices.add(Severity.WARNING, failure.cause, failure.remedy, details=failure.details)
         return failure.text
-
-    def outcome_text(self) -> str:
-        """Return the result of the search, and why a sweep or search has none."""
-        failed = (f"\u25b2 {text}" for text in self.problems.values())
-        return "\n".join(filter(None, (*failed, self.optimum_text())))
 
     def sweep_text(self) -> str:
         """Return the details of the sweep in lines: its size, the paper's ranks, the turns, and the errors."""
@@ -626,7 +430,7 @@ class OpticsModel:
             lines.append(f"Paper's rank: {s.rank_text or s.ranks[s.paper]}")
         if s.fans > 1:
             lines.append(f"{count(s.winners, 'design')} best in one of {s.fans} turns of the fan")
-        return "\n".join([*lines, *(text for text in (s.error_text, s.power_text) if text)])
+        return "\n".join([*lines, *([s.error_text] if s.error_text else [])])
 
     def pick(self, cavities: int, width_mm: float, column: float, row: float) -> None:
         """Show the design of a cell of a map; the maps are of cavities in the outer face."""
@@ -634,41 +438,8 @@ class OpticsModel:
         if 0 <= i < len(STEPS_MM) and 0 <= k < len(STEPS_MM):
             self.choose((cavities, width_mm, STEPS_MM[k], STEPS_MM[i]), MAPPED_FACE)
 
-    def optimum_text(self) -> str:
-        """Return the gain of the search in a line, with the error of both designs."""
-        o = self.optimum
-        if o is None:
-            return ""
-        best = o.best.design
-        end = _stopped(finished=o.finished) + race_line(o.race)
-        return (
-            f"Optimised: {design_label(best.values, 2)}, {best.face} face: {number(o.gain, 2)} times the merit of the "
-            f"grid's best\nP on power {number(o.best.p, 2)} against {number(o.start.p, 2)}, within "
-            f"\u00b1{rounded(o.error, o.error)} of 250 rays (k = 2), {number(o.checked_rays, 0)} rays a fan{end}"
-        )
 
-    def show_optimum(self) -> None:
-        """Show the design that the search found."""
-        if self.optimum is not None:
-            best = self.optimum.best.design
-            self.choose((best.cavities, best.width_mm, best.depth_mm, best.spacing_mm), best.face)
-
-
-def race_line(race: Race | None) -> str:
-    """Return the result of a race as a further line; empty without one."""
-    if race is None:
-        return ""
-    left, designs = race.candidates.size, count(len(race.designs), "design")
-    found = "the best" if left == 1 else f"{number(left, 0)} cannot be told apart, the best among them,"
-    return f"\nrace: {found} of {designs} at {100.0 * race.confidence:g} % confidence{_stopped(finished=race.finished)}"
-
-
-def _stopped(*, finished: bool) -> str:
-    """Return a note on a search or race that was not finished."""
-    return "" if finished else "   (stopped by its time limit)"
-
-
-def design_label(values: tuple[float, ...], decimals: int = 1) -> str:
+def design_label(values: tuple[float, ...]) -> str:
     """Return a design as `5 cavities, 1.0 \u00d7 0.5 mm, spacing 0.9 mm`."""
-    n, (width, depth, spacing) = int(values[0]), (number(v, decimals) for v in values[1:4])
+    n, (width, depth, spacing) = int(values[0]), (number(v, 1) for v in values[1:4])
     return f"{n} cavities, {width} \u00d7 {depth} mm, spacing {spacing} mm"

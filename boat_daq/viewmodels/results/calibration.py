@@ -24,7 +24,6 @@ from boat_daq.engine.snapshot import LinkState, SessionState
 from boat_daq.formatting import count, duration, number
 from boat_daq.viewmodels.common.notices import Severity, sentence
 from boat_daq.viewmodels.common.services import Change, Services
-from boat_daq.viewmodels.common.tolerance import TypedTolerance, tolerance_choice
 from boat_daq.viewmodels.results.calibration_texts import (
     Cells,
     coefficient_row,
@@ -60,7 +59,6 @@ from protocol.recording.elongation_file import read_elongation_rows
 
 ACCEPT, ANYWAY = "Accept", "Accept anyway"
 Action = Callable[[], None]
-EXPORTED_TABLE_ERRORS = tuple(TypedTolerance(mm, "mm") for mm in (0.01, 0.001, 0.0001))
 _UNDER_WAY = (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
 CURVE_CHOICES = (
     *((f"Degree {name}", name) for name in CURVES if name != SPLINE),
@@ -96,9 +94,6 @@ class CalibrationModel:
         self.before: CalibrationRecord | None = None  # the unit's calibration in force when the run was analysed
         self.agreements: tuple[Agreement | None, ...] = ()
         self.posterior: tuple[CurveBands, ...] = ()
-        self.table_error = tolerance_choice(  # of the next exports
-            services, "the error of an exported table", EXPORTED_TABLE_ERRORS, lambda _: None
-        )
         self.failure: Any = None
         self.last_path: Path | None = None
         self.choice = ""  # that was chosen for the last recording; none: see `chosen_curve`
@@ -294,9 +289,8 @@ class CalibrationModel:
             elif job.state is JobState.DONE:
                 notices.inform_saved(target)
 
-        label, bound = f"Exporting the calibration of {run.name}", self.table_error.value
-        error_mm = bound.value if bound is not None else None
-        job = Job(label, export_calibration, run, target, curve=self.result.curve, table_error_mm=error_mm)
+        label = f"Exporting the calibration of {run.name}"
+        job = Job(label, export_calibration, run, target, curve=self.result.curve)
         self.jobs.start("calibration export", job, ended)
 
     def prepare_control(self, path: Path) -> None:

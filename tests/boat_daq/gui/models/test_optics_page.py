@@ -1,4 +1,4 @@
-"""The optics page: designs on and off the grid, curves from a file, the search, the sweep's pictures."""
+"""The optics page: designs on and off the grid, curves from a file, the sweep's pictures."""
 
 from __future__ import annotations
 
@@ -12,23 +12,12 @@ from PySide6.QtCore import QPoint, QPointF
 from PySide6.QtWidgets import QLabel
 
 from analysis.fidelity import fidelity
-from analysis.optics.scene.parameters import Design, Light
 from analysis.optics.sweep.figure_of_merit import Merit, merit
-from analysis.optics.sweep.optimise import Optimum, Winner
-from analysis.optics.sweep.race import Race
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.gui import style
 from boat_daq.gui.models.optics_page import select
 from boat_daq.viewmodels.models import optics
-from boat_daq.viewmodels.models.optics import (
-    PAPER_DESIGN,
-    DesignResult,
-    OpticsModel,
-    StateScene,
-    SweepSummary,
-    Within,
-    rays_text,
-)
+from boat_daq.viewmodels.models.optics import PAPER_DESIGN, DesignResult, StateScene, SweepSummary
 from boat_daq.workflows.jobs import JobFailure, JobState
 from tests.boat_daq.gui.models.test_tradeoff_page import app_model  # noqa: F401 - a fixture
 from tests.boat_daq.gui.recorded_session import connected
@@ -74,7 +63,7 @@ def swept(rays=250):
     values = np.array([[5, 0.7, 0.6, 0.8], [*PAPER_DESIGN]])
     p, flags = np.array([1.0, 0.25]), np.array([True, False])
     found = Merit(p, np.array([40.0, 10.0]), np.array([2, 7]), np.array([3.0, 6.0]), p, p, ~flags, ~flags)
-    return SweepSummary(values, found, flags, flags, 0, 1, np.array([1, 2]), 1.0, 30, rays)
+    return SweepSummary(values, found, flags, 0, 1, np.array([1, 2]), 1.0, 30, rays)
 
 
 @pytest.fixture
@@ -84,7 +73,7 @@ def page(qtbot, app_model, monkeypatch):  # noqa: F811 - the fixture above
 
     FakeJob.made = []
     monkeypatch.setattr(optics, "Job", FakeJob)
-    shown = OpticsPage(app_model.optics, app_model.rays, app_model.confidence, app_model.services)
+    shown = OpticsPage(app_model.optics, app_model.services)
     qtbot.addWidget(shown)
     shown.resize(1100, 700)
     shown.show()
@@ -99,25 +88,10 @@ def update(page):
     page.refresh(SessionSnapshot(SessionState.IDLE, LinkState.CLOSED))
 
 
-def test_search_starts_stops_and_reports_its_gain(page):
-    """The button stops it too; the gain is the ratio to the grid's best; its design can be looked at, off the grid."""
-    page.search_button.click()
-    update(page)
-    assert page.search_button.text() == "Stop the search"
-    page.search_button.click()
-    update(page)
-    assert (page.search_button.text(), page.model.optimum) == ("Optimise", None)
-    page.search_button.click()
-    best, start = Design(7, 1.234, 0.61, 0.55, "inner"), Design(5, 1.0, 0.5, 0.9)
-    winners = [Winner(design, p, (p, p), np.zeros(15), np.zeros(15), 0.01) for design, p in ((start, 2.5), (best, 3.0))]
-    found = Optimum(*winners, 2.0, 9, 1.0, 250, 2500, True, "power", 0.5, 9_000)
-    FakeJob.made[-1].bring(found)
-    update(page)
-    stated = "within \u00b10.50 of 250 rays (k = 2), 2\u2009500 rays a fan"
-    gain = f"1.20 times the merit of the grid's best\nP on power 3.00 against 2.50, {stated}"
-    assert gain in page.outcome.text()
-    page.show_button.click()
-    assert FakeJob.made[-1].args == ((7, 1.234, 0.61, 0.55), NORMAL.rays, "default", "inner", "count")
+def test_design_off_the_grid_is_shown_in_its_fields(page):
+    """A value that is not offered is added while it is shown."""
+    page.model.choose((7, 1.234, 0.61, 0.55), "inner")
+    assert FakeJob.made[-1].args == ((7, 1.234, 0.61, 0.55), NORMAL.rays, "default", "inner")
     update(page)
     assert (page.fields["width"].currentText(), page.fields["width"].count()) == ("1.23", 7)
     assert page.face.currentData() == "inner"
@@ -133,7 +107,7 @@ def many(tied=3, paper=4):
     p = np.array([1.0, 0.9, 0.8, 0.5, 0.38, 0.1])
     flags = np.arange(6) < tied
     found = Merit(*[p] * 6, ~flags, ~flags)
-    return SweepSummary(values, found, flags, flags, 0, paper, np.arange(1, 7), 1.0, 90, 250, "5 (3 to 6)", 2, 7)
+    return SweepSummary(values, found, flags, 0, paper, np.arange(1, 7), 1.0, 90, 250, "5 (3 to 6)", 2, 7)
 
 
 def test_page_answers_which_design_is_best_and_how_sure_that_is(page):
@@ -142,7 +116,7 @@ def test_page_answers_which_design_is_best_and_how_sure_that_is(page):
     page.model.revision += 1
     update(page)
     assert page.best.text().startswith("Press \u201cSweep all designs\u201d")
-    page.model._sweeps["default", "count"] = many()
+    page.model._sweeps["default"] = many()
     page.model.revision += 1
     update(page)
     assert page.best.text() == "Best: 7 cavities, 0.7 \u00d7 0.6 mm, spacing 1.0 mm"
@@ -151,24 +125,24 @@ def test_page_answers_which_design_is_best_and_how_sure_that_is(page):
     assert page.strip.tied.x.tolist() == [1.0, 2.0, 3.0]
     assert page.strip.others.x.tolist() == [4.0, 5.0, 6.0]
     assert (page.strip.best.x.tolist(), page.strip.paper.x.tolist()) == ([1.0], [5.0])
-    assert (page.ranks.isVisible(), page.pareto.isVisible(), page.by.isVisible()) == (False, False, False)
+    assert not page.ranks.isVisible()
     page.details_button.click()
-    assert (page.ranks.isVisible(), page.pareto.isVisible(), page.by.isVisible()) == (True, True, True)
+    assert page.ranks.isVisible()
     assert "5 (3 to 6)" in page.ranks.text()
     assert "2 designs best in one of 7 turns" in page.ranks.text()
     page.best_button.click()
     assert page.model.values == (7, 0.7, 0.6, 1.0)
     page.model.show_place(5)
     assert page.model.values == PAPER_DESIGN
-    page.model._sweeps["default", "count"] = many(tied=5)
+    page.model._sweeps["default"] = many(tied=5)
     assert page.model.certainty_text().endswith("with 250 rays. The paper's is one of them.")
-    page.model._sweeps["default", "count"] = many(tied=1)
+    page.model._sweeps["default"] = many(tied=1)
     assert page.model.certainty_text() == "The best can be told from all other designs with 250 rays."
 
 
 def test_one_button_traces_more_rays(page):
     """Of 250 rays to 1 000, and on; it stops the sweep that runs."""
-    page.model._sweeps["default", "count"] = many()
+    page.model._sweeps["default"] = many()
     page.model.revision += 1
     update(page)
     assert page.sweep_button.text() == "Trace 1\u2009000 rays"
@@ -179,14 +153,14 @@ def test_one_button_traces_more_rays(page):
     page.sweep_button.click()
     update(page)
     assert page.sweep_button.text() == "Trace 1\u2009000 rays"
-    page.model._sweeps["default", "count"] = dataclasses.replace(many(), rays=5000)
+    page.model._sweeps["default"] = dataclasses.replace(many(), rays=5000)
     assert page.model.more_rays == 10_000
 
 
 def test_every_selector_has_its_name_above(page):
     """Nine fields had no name."""
     page.details_button.click()
-    fields = (*page.fields.values(), page.face, page.curves, page.rays, page.by, page.confidence)
+    fields = (*page.fields.values(), page.face, page.curves)
     names = [label for label in page.findChildren(QLabel) if label.isVisible() and label.text()]
     for field in fields:
         corner = field.mapTo(page, QPoint(0, 0))
@@ -202,7 +176,7 @@ def test_nothing_is_traced_by_itself_during_a_run(qtbot, app_model, monkeypatch)
 
     FakeJob.made = []
     monkeypatch.setattr(optics, "Job", FakeJob)
-    shown = OpticsPage(app_model.optics, app_model.rays, app_model.confidence, app_model.services)
+    shown = OpticsPage(app_model.optics, app_model.services)
     qtbot.addWidget(shown)
     shown.refresh(SessionSnapshot(SessionState.RUNNING, LinkState.UP))
     assert FakeJob.made == []
@@ -218,7 +192,7 @@ def test_first_opening_shows_the_shipped_sweep_and_what_is_being_done(qtbot, app
     from boat_daq.gui.models.optics_page import OpticsPage
 
     monkeypatch.setattr(optics, "Job", FakeJob)
-    shown = OpticsPage(app_model.optics, app_model.rays, app_model.confidence, app_model.services)
+    shown = OpticsPage(app_model.optics, app_model.services)
     qtbot.addWidget(shown)
     shown.refresh()
     assert shown.best.text().startswith("Best:")
@@ -248,7 +222,7 @@ def test_value_not_offered_is_listed_last_while_selected(page):
 
 def test_results_are_kept_for_each_file_of_curves(page, tmp_path):
     """The file's name is shown, the trace requests it, and a sweep of other curves is not shown as if it were its."""
-    page.model._sweeps["default", "count"] = swept()
+    page.model._sweeps["default"] = swept()
     page.take_file(tmp_path / "mine.csv")
     update(page)
     assert page.curves.currentText() == "mine.csv"
@@ -277,17 +251,16 @@ def test_late_trace_is_not_shown_for_another_design(page):
     assert page.model.result is late.result
 
 
-def test_click_on_map_or_front_shows_the_design(page):
-    """The cell under the mouse in the map of its width; the nearest design in the plot of the front."""
+def test_click_on_a_map_shows_the_design(page):
+    """The cell under the mouse in the map of its width."""
     page.model._sweeps.clear()
     page.sweep_button.click()
-    assert FakeJob.made[-1].args == ((3, 5, 7), NORMAL.ranking_rays, "default", "count")
+    assert FakeJob.made[-1].args == ((3, 5, 7), NORMAL.ranking_rays, "default")
     FakeJob.made[-1].bring(swept())
     update(page)
     marked = {spot.symbol(): spot.pos().toTuple() for spot in page.maps.maps[5].marks.points()}
     assert marked == {"o": (4.5, 0.5), "s": (4.5, 0.5)}
     assert [spot.symbol() for spot in page.maps.maps[2].marks.points()] == ["star"]
-    assert page.pareto.numbers.texts == ["2"]
 
     class Click:
         def scenePos(self):
@@ -295,35 +268,6 @@ def test_click_on_map_or_front_shows_the_design(page):
 
     page.maps._clicked(Click())
     assert page.model.values == (5, 0.7, 0.6, 0.8)
-
-    class Spot:
-        def pos(self):
-            return QPointF(6.0, 10.0)
-
-    page.pareto._clicked(None, [Spot()])
-    assert page.model.values == PAPER_DESIGN
-    assert page.pareto.columns()["on the front"].tolist() == [1, 0]
-
-
-def test_ranking_by_power_is_another_sweep_and_another_trace(page):
-    """The choice traces the design's power; the sweep by counts is kept, that by power is made and gives its errors."""
-    page.model._sweeps["default", "count"] = swept()
-    page.by.setCurrentIndex(page.by.findData("power"))
-    page.by.activated.emit(page.by.currentIndex())
-    assert FakeJob.made[-1].args[-1] == "power"
-    FakeJob.made[-1].bring(traced())
-    update(page)
-    assert "40.0 \u00b1 1.4 % of the light (k = 2), 250 rays a fan" in page.scene.readout.text()
-    assert page.model.sweep is None
-    page.sweep_button.click()
-    assert FakeJob.made[-1].args[-1] == "power"
-    FakeJob.made[-1].bring(dataclasses.replace(swept(), power_text="by power: 2 % not followed"))
-    update(page)
-    assert "2 % not followed" in page.ranks.text()
-    page.model.set_by("count")
-    update(page)
-    assert page.model.sweep is not None
-    assert "not followed" not in page.ranks.text()
 
 
 def test_slider_selects_states_without_tracing(page):
@@ -343,7 +287,8 @@ def test_answers_state_their_errors_and_rays(page):
     assert "NDR 100.0 \u00b1 4.6 of 250 rays (k = 2), 250 rays a fan" in page.scene.readout.text()
     assert page.response.readout.text().endswith("points within \u00b14.6 (k = 2)")
     assert page.scene.drawn.text == ""
-    page.model.set_rays(Within(0.2))
+    page.model.set_fidelity(fidelity("reference"))
+    page.model.choose(PAPER_DESIGN)
     FakeJob.made[-1].bring(traced(20_000, 0.2))
     update(page)
     assert "NDR 100.00 \u00b1 0.20 of 250 rays (k = 2), 20\u2009000 rays a fan" in page.scene.readout.text()
@@ -409,46 +354,6 @@ def test_fidelity_chosen_during_a_trace_begins_it_again(page):
     assert FakeJob.made[-1].args[1] == fidelity("reference").rays
 
 
-def test_chosen_rays_override_the_fidelity(page):
-    """The fidelity sets the number of rays until a number is chosen."""
-    model: OpticsModel = page.model
-    assert (model.traced_rays, model.swept_rays) == (NORMAL.rays, NORMAL.ranking_rays)
-    for text, rays in (("1234 rays", 1234), ("+-0.7", Within(0.7)), ("Rays: automatic", 0)):
-        page.rays.setEditText(text)
-        page.rays.typed.editingFinished.emit()
-        assert (model.traced_rays, model.swept_rays) == (rays or NORMAL.rays, rays or NORMAL.ranking_rays)
-        assert page.rays.currentText() == rays_text(rays)
-    page.rays.setEditText("1000")  # of what?
-    page.rays.typed.editingFinished.emit()
-    assert model.rays == 0
-    assert page.rays.property("wrong") == "true"
-
-
-def test_search_has_the_tolerance_and_the_confidence(page):
-    """An error of the rays is that of the final evaluation; a confidence has the search end with a race."""
-    for rays, confidence, passed in (("\u00b12 rays", "97.5 %", (2.0, 0.975)), ("300 rays", "", (None, None))):
-        for field, text in ((page.rays, rays), (page.confidence, confidence)):
-            field.setEditText(text)
-            field.typed.editingFinished.emit()
-        page.model.toggle_search()
-        assert FakeJob.made[-1].args[2:] == passed
-        page.model.toggle_search()
-    assert page.confidence.currentText() == "Race: none"
-    page.confidence.setEditText("100 %")
-    page.confidence.typed.editingFinished.emit()
-    assert page.model.confidence is None
-    assert "less than 100 %" in page.services.notices.current().remedy
-
-
-@pytest.mark.parametrize(("low", "text"), [(2.0, "the best of 2 designs at 95 %"), (0.5, "2 cannot be told apart")])
-def test_race_reports_how_many_are_left(low, text):
-    """One design, or those that have the best among them."""
-    race = Race((Design(5, 1.0, 0.5, 0.9), Design(3, 1.0, 0.5, 0.9)), Light(), 0.95)
-    race.p[:], race.low[:], race.high[:] = (3.0, 1.0), (low, 0.5), (4.0, 1.5)
-    assert text in optics.race_line(race)
-    assert optics.race_line(None) == ""
-
-
 def test_empty_plots_show_what_will_be_there(live, monkeypatch):
     """Before, empty axes from 0 to 1 were shown, like data that are missing."""
     monkeypatch.setattr(live.model.optics, "choose", lambda *_: None)
@@ -456,11 +361,11 @@ def test_empty_plots_show_what_will_be_there(live, monkeypatch):
     page = live.pages["Optics"]
     page.details_button.click()
     live.model.optics._sweeps.clear()
-    for card in (page.strip, page.pareto):
+    for card in (page.strip, page.maps):
         card.show_sweep()
     page.scene.show_state(live.model.optics)
     page.response.show_result(live.model.optics)
-    for cards, what in (((page.scene, page.response), "rawn next"), ((page.strip, page.pareto), "designs")):
+    for cards, what in (((page.scene, page.response), "rawn next"), ((page.strip, page.maps), "design")):
         for card in cards:
             assert not card.view.isVisible()
             assert what in card.empty_text.text()

@@ -27,7 +27,7 @@ def test_map_holds_each_design_in_its_cell():
     values = np.array([[5, 1.0, 0.5, 0.9], [5, 1.0, 1.0, 0.5], [3, 1.0, 0.5, 0.9]])
     flags = np.zeros(3, bool)
     p = np.array([0.3, 0.7, 1.0])
-    sweep = SweepSummary(values, Merit(*[p] * 8), flags, flags, 2, 0, np.array([3, 2, 1]), 1.0, 45, 250)
+    sweep = SweepSummary(values, Merit(*[p] * 8), flags, 2, 0, np.array([3, 2, 1]), 1.0, 45, 250)
     grid = sweep.grid(5, 1.0, (0.5, 0.6, 0.7, 0.8, 0.9, 1.0))
     assert grid[4, 0] == 0.3
     assert grid[0, 5] == 0.7

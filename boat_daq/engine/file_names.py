@@ -46,7 +46,8 @@ _FIELDS = ("unit", "operator", "plan", "date", "time", "number")
 def named(template: str, folder: Path, now: datetime, **values: str) -> Path:
     """Return the path that a template gives, such as ``{unit}_{plan}_{number}``.
 
-    `{number}` counts from 1 to the first name that is free. What a value has that no name can hold becomes a hyphen.
+    `{number}` counts from 1 to the first name that is free; a template without it has one at its end where the name
+    is taken. What a value has that no name can hold becomes a hyphen.
     """
     given = {"date": f"{now:%Y-%m-%d}", "time": f"{now:%H%M%S}"} | values
     unknown = sorted(set(re.findall(r"\{([^{}]*)\}", template)) - set(_FIELDS))
@@ -61,10 +62,11 @@ def named(template: str, folder: Path, now: datetime, **values: str) -> Path:
         stem = name.strip(" _-").removesuffix(".boat")
         if not stem:
             raise RequestError(f"the template {template!r:.60} gives no name here", "add {date}_{time} to it")
-        return f"{stem}.boat"
+        taken = number > 1 and "{number}" not in template
+        return f"{stem}_{fields['number']}.boat" if taken else f"{stem}.boat"
 
     path = path_in(folder, name_of(1))
     numbers = itertools.count(2)
-    while "{number}" in template and path.exists():
+    while path.exists():
         path = path_in(folder, name_of(next(numbers)))
     return path

@@ -21,6 +21,8 @@ def test_fields_are_filled_and_numbers_are_free(tmp_path: Path) -> None:
     first.touch()
     assert named("{operator}_{plan}_{number}.boat", tmp_path, NOW, **given).name == "A-B_calibration_002.boat"
     assert named("{unit}_{plan}", tmp_path, NOW, plan="x").name == "x.boat"
+    (tmp_path / "x.boat").touch()  # a second run was refused at its start
+    assert named("{plan}", tmp_path, NOW, plan="x").name == "x_002.boat"
 
 
 @pytest.mark.parametrize("template", ["{user}", "{unit", "", "{unit}", "../{plan}", "{unit!r}", "{0}", "{unit.x}"])

@@ -20,6 +20,7 @@ import logging
 import shutil
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Callable
 from importlib.metadata import version
@@ -81,6 +82,7 @@ def _remove_unused(base: Path) -> None:
 
 CACHE_FOLDER = _cache_folder()
 _FUNCTIONS: set[Any] = set()
+_DIRECTING = threading.Lock()  # two threads that import: one would restore what the other has set, an empty path
 
 
 def _with_callees(function: Any) -> set[Any]:
@@ -149,13 +151,14 @@ def _noted(function: Any) -> Any:
 
 def _cached(function: Function, **options: Any) -> Function:
     """Compile with numba's cache directed to the folder: numba chooses the place when it decorates a function."""
-    before = _CONFIG.CACHE_DIR
-    _CONFIG.CACHE_DIR = str(CACHE_FOLDER or before)
-    try:
-        jit = numba.njit(cache=CACHE_FOLDER is not None, nogil=True, error_model="numpy", **options)
-        return cast(Function, _noted(jit(function)))
-    finally:
-        _CONFIG.CACHE_DIR = before
+    with _DIRECTING:
+        before = _CONFIG.CACHE_DIR
+        _CONFIG.CACHE_DIR = str(CACHE_FOLDER or before)
+        try:
+            jit = numba.njit(cache=CACHE_FOLDER is not None, nogil=True, error_model="numpy", **options)
+            return cast(Function, _noted(jit(function)))
+        finally:
+            _CONFIG.CACHE_DIR = before
 
 
 def compiled(function: Function) -> Function:

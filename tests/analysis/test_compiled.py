@@ -7,11 +7,14 @@ import re
 import shutil
 import subprocess
 import sys
+import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 import analysis
+import analysis.compiled as module
 from analysis.compiled import PACKAGES
 
 SOURCES = Path(analysis.__file__).parent
@@ -108,6 +111,28 @@ def test_the_first_call_says_that_it_compiles_and_no_later_one(tmp_path: Path) -
         )
         assert re.fullmatch(said, ran.stderr)
         assert ran.stdout == ""
+
+
+def test_threads_that_decorate_side_by_side_use_the_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One restored the empty path while the other was at work: a folder of machine code in the current directory."""
+    used: list[str] = []
+    inside, done = [threading.Event(), threading.Event()], threading.Event()
+
+    def decorate(**_: object) -> Callable[[object], object]:
+        first = not inside[0].is_set()
+        inside[0 if first else 1].set()
+        (inside[1] if first else done).wait(0.2)  # the second is not inside before the first is done
+        used.append(module._CONFIG.CACHE_DIR)
+        return lambda function: function
+
+    monkeypatch.setattr(module.numba, "njit", decorate)
+    monkeypatch.setattr(module, "_noted", lambda function: function)
+    second = threading.Thread(target=lambda: inside[0].wait() and module.compiled(print))
+    second.start()
+    module.compiled(print)
+    done.set()
+    second.join()
+    assert used == [str(module.CACHE_FOLDER)] * 2
 
 
 def test_an_installed_package_keeps_machine_code_in_the_users_folder(tree: Path) -> None:

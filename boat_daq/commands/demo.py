@@ -6,6 +6,7 @@ import dataclasses
 import math
 import os
 import tempfile
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
@@ -215,27 +216,31 @@ def truth_of(unit: str, plan: Plan, analysis: Analysis | None = None) -> Truth:
 def _holds(plan: Plan, analysis: Analysis) -> list[Hold]:
     """Return how long each level of a run was held, as its measured pressure shows; empty without its marks.
 
-    A command reaches the board later than the mark of its step, at 50 times real time by a second of board time.
+    A command reaches the board later than the mark of its step, at 50 times real time by a second of board time: ramps
+    are placed by where the pressure passes their middle.
     """
-    from protocol.simulator.truth import Hold, at_target
+    from protocol.simulator.truth import Hold, ramp_ends
 
     cycle = (plan.high_kpa, *plan.targets_kpa)
     low, ends = cycle.index(plan.low_kpa), (plan.high_kpa, plan.low_kpa)
-    target_of = dict(zip(analysis.recording.steps["id"], analysis.recording.steps["target_kpa"], strict=True))
-    time_s, settings = analysis.recording.time_s, analysis.options.plateau
-    used, holds = set(analysis.loops.numbers), []
-    for plateau in analysis.plateaus:
-        target = target_of.get(plateau.step)
-        if target is None or target not in cycle:
-            continue
-        settled_s, last_s = (float(time_s[row]) for row in (plateau.settled_first, plateau.last))
-        entered_s = settled_s - settings.settling_s
-        arrived, left = at_target(entered_s, last_s, settings.tolerance_kpa, plan.ramp_kpa_per_s)
+    steps = analysis.recording.steps[analysis.recording.steps["branch"] != "end"]  # its vent is no ramp
+    target_of = dict(zip(steps["id"], steps["target_kpa"], strict=True))
+    time_s, used = analysis.recording.time_s, set(analysis.loops.numbers)
+    held = [(p, target) for p in analysis.plateaus if (target := target_of.get(p.step)) in cycle]
+    targets = (0.0, *(target for _, target in held))
+    rows = (0, *(plateau.last for plateau, _ in held))
+    ramps = [
+        ramp_ends(time_s[start:], analysis.recording.pressure_kpa[start:], ramp, plan.ramp_kpa_per_s)
+        for start, ramp in zip(rows, pairwise(targets), strict=False)
+    ]
+    leaving = (*(began for began, _ in ramps[1:]), math.inf)
+    holds = []
+    for (plateau, target), (_, arrived), left in zip(held, ramps, leaving, strict=True):
+        settled_s, last_s = (float(time_s[row]) - arrived for row in (plateau.settled_first, plateau.last))
         rising = plateau.branch == "loading" and target not in ends
         place = cycle.index(target, low) if rising else cycle.index(target)
         analysed = plateau.branch and plateau.cycle in used and not plateau.void
-        hold_s = max(left - arrived, 0.0)
-        holds.append(Hold(target, hold_s, min(settled_s - arrived, hold_s), hold_s, place if analysed else None))
+        holds.append(Hold(target, min(left - arrived, last_s), settled_s, last_s, place if analysed else None))
     return holds
 
 

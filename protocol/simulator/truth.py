@@ -22,7 +22,6 @@ from protocol.simulator.plant import PUMP_NOISE, RAMP_LAG_S, TICK_S, Body, Pneum
 from protocol.simulator.specimens import find_specimen
 
 CONTINUOUS = (50.0, -40.0, 50.0)
-_LEAVING_S = 0.1  # from the end of a hold until the pressure shows it
 _RIPPLE_SEED = 0
 _SETTLED_S = 1.0  # after the end of a ramp, as in `analysis`
 
@@ -150,9 +149,14 @@ def truth_figures(
     return _figures(unit, p, x, y, [sensor.noise_mv for sensor in model.sensors], staircase=staircase)
 
 
-def at_target(entered_s: float, last_s: float, tolerance_kpa: float, ramp_kpa_per_s: float) -> tuple[float, float]:
-    """Return when the setpoint reached and left a level whose pressure entered a tolerance and was last still then."""
-    return entered_s + tolerance_kpa / ramp_kpa_per_s - RAMP_LAG_S, last_s - _LEAVING_S
+def ramp_ends(
+    time_s: FloatArray, pressure_kpa: FloatArray, ramp_kpa: tuple[float, float], ramp_kpa_per_s: float
+) -> tuple[float, float]:
+    """Return when the setpoint began and ended the first ramp from one level to another, s."""
+    start, end = ramp_kpa
+    passed = np.sign(end - start) * (pressure_kpa - 0.5 * (start + end)) >= 0.0
+    middle, half = float(time_s[np.argmax(passed)]) - RAMP_LAG_S, 0.5 * abs(end - start) / ramp_kpa_per_s
+    return middle - half, middle + half
 
 
 def truth_of_holds(unit: str, holds: Sequence[Hold], *, ramp_kpa_per_s: float) -> Truth:

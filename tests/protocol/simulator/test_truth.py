@@ -7,7 +7,7 @@ import pytest
 
 from protocol.base.errors import RequestError
 from protocol.simulator.specimens import SPECIMEN_NAMES, find_specimen
-from protocol.simulator.truth import Hold, loop_width, noise_free_run, truth_figures, truth_of_holds
+from protocol.simulator.truth import Hold, loop_width, noise_free_run, ramp_ends, truth_figures, truth_of_holds
 
 STAIRCASE = (*(50.0 - 10.0 * n for n in range(10)), *(-30.0 + 10.0 * n for n in range(9)))
 
@@ -131,6 +131,17 @@ def test_ripple_of_the_pressure_is_in_the_noise_of_a_hold():
     own = [sensor.noise_mv for sensor in find_specimen("SA1").sensors]
     found = [sensor.noise_mv for sensor in truth_of_holds("SA1", holds_of(3.0), ramp_kpa_per_s=10.0).sensors]
     assert all(1.0005 < noise / alone < 1.02 for noise, alone in zip(found, own, strict=True))
+
+
+@pytest.mark.parametrize("ramp_kpa", [(0.0, 50.0), (20.0, 10.0), (-30.0, -20.0)])
+def test_ramps_are_placed_by_their_pressure(ramp_kpa: tuple[float, float]):
+    """A setpoint that began 3 s after the first row is found within a tick and a half, whatever lag and overshoot."""
+    start, end = ramp_kpa
+    run = noise_free_run("SA1", ramp_kpa, ramp_kpa_per_s=10.0, dwell_s=3.0)
+    held = run.time_s >= abs(start) / 10.0
+    began, ended = ramp_ends(run.time_s[held], run.pressure_kpa[held], ramp_kpa, 10.0)
+    assert ended == pytest.approx(run.arrivals_s[1], abs=0.015)
+    assert ended - began == pytest.approx(abs(end - start) / 10.0)
 
 
 def test_a_staircases_truth_is_that_of_its_holds():

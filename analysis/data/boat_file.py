@@ -13,7 +13,7 @@ import json
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 from zlib import crc32
@@ -27,10 +27,13 @@ from analysis.data.recording import READING_COLUMNS, STEP_COLUMNS, Gap, Recordin
 from analysis.numbers import finite
 from analysis.version import program_version
 from protocol.base.arrays import FloatArray, IntArray
-from protocol.base.errors import FileError, RequestError
+from protocol.base.errors import FileError, RequestError, damaged
 from protocol.base.regular_file import open_regular
 from protocol.recording import metadata_of, schema
 from protocol.recording.checks import DAMAGE, harden
+from protocol.recording.missing import missing_before_recovery
+from protocol.recording.write_ahead_log import fault_of_log
+from protocol.recording.writer_lock import is_being_written
 
 LATE_S = 0.5  # the counter is read a little before or after the samples that its row is laid to
 
@@ -63,6 +66,9 @@ def read_boat_file(path: str | Path) -> Recording:
     with opened(path) as db:
         meta = schema.read_session(db)
         meta |= metadata_of(db, meta).as_json()
+        _refuse_damaged_log(path, meta)
+        if missing := missing_before_recovery(path, db, meta):
+            meta["missing"] = asdict(missing)
         schema.check_long_tables(path, db)
         samples, segment, damaged = _samples(db, meta, path.name)
         clock = _lay_end_to_end(db, samples["time_us"], segment, float(meta.get("rate_hz") or 0.0))
@@ -101,6 +107,12 @@ def read_boat_file(path: str | Path) -> Recording:
         clock.time_s, pressure_kpa, signal, **kept, readings=readings, meta=meta, source=str(path)
     )
     return replace(recording, gaps=tuple(_attributed(recording.gaps, failures)), camera=camera)
+
+
+def _refuse_damaged_log(path: Path, meta: Mapping[str, Any]) -> None:
+    """Raise where more than SQLite reads may be recovered, or where what it reads is another recording's."""
+    if meta["status"] == "recording" and not is_being_written(path) and (fault := fault_of_log(path)):
+        raise damaged(path, f"was not closed: {fault}")
 
 
 def _camera(
@@ -213,6 +225,8 @@ def _samples(db: sqlite3.Connection, meta: Mapping[str, Any], name: str) -> tupl
             "Recover the recording; a copy of the file may be whole.",
             command=f"boat-daq recover {name}",
         )
+    if not blobs and meta.get("missing"):
+        raise FileError(f"{name} holds no samples; they may be missing", "Put its -wal and -shm beside it.")
     if not blobs:
         raise FileError(f"{name} holds no samples", "The session ended before the board sent any.")
     return np.concatenate(blobs), np.concatenate(segments), len(damaged)

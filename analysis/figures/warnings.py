@@ -21,6 +21,7 @@ from analysis.segmentation.plateaus import find_plateaus, shorter_settling_s
 from analysis.warning import Warning, WarningCode
 from protocol.base.arrays import FloatArray
 from protocol.base.units import as_text
+from protocol.recording.missing import missing_of
 
 if TYPE_CHECKING:
     from analysis.calibration.fit import Calibration
@@ -63,6 +64,8 @@ def _run_texts(run: SegmentedRun) -> Iterator[tuple[WarningCode, str]]:
             yield WarningCode(name), f"{count} samples left out: {name.replace('_', ' ')}"
     if meta.get("damaged_blocks"):
         yield WarningCode.DAMAGED, f"{meta['damaged_blocks']} blocks of the file are damaged and left out"
+    for text in missing_of(meta).lines():
+        yield WarningCode.DAMAGED, text
     if cycles.noise_kpa > NOISY_SHARE * cycles.span_kpa > 0 and not cycles.void:
         on_loops = "full scale is underestimated and hysteresis overestimated by more than their intervals"
         effect = "plateaus are uncertain" if run.plateaus else on_loops

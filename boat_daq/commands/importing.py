@@ -146,9 +146,12 @@ def export(
     from analysis.data.export import require_library
     from analysis.tracking.run import with_camera_placed
     from boat_daq.workflows.calibration_in_force import exported_elongation, stated_contributions
+    from protocol.recording.missing import missing_of
 
     require_library(format)
     recording, void = load_recording(run).deriving(derive or ()), ""
+    for line in missing_of(recording.meta).lines():
+        notify(line)
     if calibration is not None:
         found = read_calibration(calibration)
         for remark in other_unit(found, recording.unit):

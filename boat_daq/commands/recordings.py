@@ -147,7 +147,7 @@ def _lines(summary: Summary) -> Iterator[tuple[str, str]]:
     yield "samples", f"{summary.samples} in {summary.duration_s:.2f} s, {rate} ({requested})"
     if summary.channels:
         yield "channels", ", ".join(channel.quantity for channel in summary.channels)
-    least = "at least " if any(hole.samples is None for hole in summary.missing.samples) else ""
+    least = "" if summary.missing.exact else "at least "
     gaps = f"{summary.lost_samples} samples in {summary.gaps} gaps"
     yield "lost", f"{least}{gaps}, {summary.damaged_frames} damaged frames"
     yield from (("missing", line) for line in summary.missing.lines())

@@ -283,9 +283,11 @@ def open_recording(path: Path | str) -> sqlite3.Connection:
 def _read_only_uri(path: Path) -> str:
     """Return how SQLite opens a file without changing the -shm of a killed program: recovery compares it with -wal."""
     log, shared = (path.with_name(path.name + suffix) for suffix in ("-wal", "-shm"))
+    uri = f"{path.absolute().as_uri()}?mode=ro"
+    if not shared.is_file() or is_being_written(path):
+        return uri
     only_header = log.is_file() and log.stat().st_size == _LOG_HEADER_BYTES  # SQLite cannot read such a one so
-    kept = shared.is_file() and not only_header and not is_being_written(path)
-    return f"{path.absolute().as_uri()}?mode=ro" + ("&readonly_shm=1" if kept else "")
+    return uri + ("&immutable=1" if only_header else "&readonly_shm=1")
 
 
 def _unreadable(path: Path, error: Exception) -> RecordingError:

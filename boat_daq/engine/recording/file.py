@@ -24,10 +24,10 @@ from typing import Any, TypeAlias
 from boat_daq import __version__
 from boat_daq.engine.file_names import check_file_name
 from boat_daq.engine.recording.disk_space import SPACE_FLOOR_BYTES
-from boat_daq.engine.recording.write_ahead_log import fault_of_log
 from protocol.base.errors import RequestError, StorageError
 from protocol.recording import open_recording, refuse_newer, schema
 from protocol.recording.checks import harden
+from protocol.recording.write_ahead_log import fault_of_log
 from protocol.recording.writer_lock import WriterLock, is_being_written
 
 Statement: TypeAlias = tuple[str, tuple[Any, ...]]

@@ -21,20 +21,26 @@ from typing import Any
 import numpy as np
 
 from boat_daq.engine.recording.file import RecordingFile, Statement, set_meta, storage_error
-from boat_daq.engine.recording.missing import UNREAD, Hole, Missing, missing_of
 from boat_daq.engine.recording.rows import INSERT_EVENT, OverviewRows
 from boat_daq.engine.recording.salvage.salvaged_file import Progress, fault_of, open_damaged, salvage
-from boat_daq.engine.recording.write_ahead_log import LogCheck, LogState, WriteAheadLog, check_log, read_log
 from boat_daq.engine.sample_columns import mv_per_count
 from protocol.base.errors import DamagedRecordingError, RecordingError, StorageError
 from protocol.recording import schema
 from protocol.recording.checks import DAMAGE, harden
+from protocol.recording.missing import Missing, end_hole, missing_of
+from protocol.recording.write_ahead_log import (
+    OTHERS_LOG,
+    LogCheck,
+    LogState,
+    WriteAheadLog,
+    check_log,
+    open_alone,
+    read_log,
+)
 from protocol.recording.writer_lock import WriterLock, is_being_written
 
 _ROWS = 1_000  # between two reports of progress
 _NAMES_ANOTHER = bytes.fromhex("d9d505f920a163d7")  # how a journal ends that belongs to a change of several files
-
-_OTHERS_LOG = LogCheck(LogState.FOREIGN, None, end_known=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +71,6 @@ def recover(path: Path, *, progress: Progress | None = None) -> Recovery:
         schema.refuse_newer(path)  # names what is wrong
     log = read_log(path)
     checked = check_log(path, log)  # before SQLite opens the file, which changes -shm
-    if log is not None and not log.damage and checked.state in (LogState.WHOLE, LogState.UNPROVEN):
-        checked = _OTHERS_LOG if _completes_another(path) else checked
     fault = [text] if (text := checked.fault(path.name)) else []
     if fault or (log is not None and log.damage):
         used = None if checked.state is LogState.FOREIGN or not checked.usable else log
@@ -75,7 +79,7 @@ def recover(path: Path, *, progress: Progress | None = None) -> Recovery:
     _roll_back(path)
     faults, structural = _check(path, progress)
     if structural and log is not None and log.committed() and _is_sound_alone(path):
-        return _salvage(path, None, [_OTHERS_LOG.fault(path.name)], progress, _OTHERS_LOG)
+        return _salvage(path, None, [OTHERS_LOG.fault(path.name)], progress, OTHERS_LOG)
     if structural:
         return _salvage(path, log, faults, progress, checked)
     with closing(schema.open_recording(path)) as db:
@@ -110,35 +114,10 @@ def _salvage(
     return Recovery("salvaged", target, *counts, damaged, missing, checked.state, checked.missing, kept)
 
 
-def _completes_another(path: Path) -> bool:
-    """Return whether a log, which is sound, makes another recording of this one."""
-    with suppress(RecordingError, *DAMAGE), closing(_open_alone(path)) as alone:
-        before = _marks(alone)
-        with closing(schema.open_recording(path)) as both:
-            return before != _marks(both, [key for key in before if isinstance(key, int)])
-    return False
-
-
 def _is_sound_alone(path: Path) -> bool:
-    with suppress(*DAMAGE), closing(_open_alone(path)) as alone:
+    with suppress(*DAMAGE), closing(open_alone(path)) as alone:
         return bool(alone.execute("PRAGMA quick_check(1)").fetchone() == ("ok",))
     return False
-
-
-def _open_alone(path: Path) -> sqlite3.Connection:
-    """Open a file without its log."""
-    connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
-    harden(connection)
-    return connection
-
-
-def _marks(db: sqlite3.Connection, chunks: list[int] | None = None) -> dict[int | str, Any]:
-    """Return what never changes in a recording: its identifier, its first chunk and the last one of the file alone."""
-    if chunks is None:
-        chunks = [n for n in db.execute("SELECT min(id), max(id) FROM chunk").fetchone() if n is not None]
-    found: dict[int | str, Any] = dict(db.execute("SELECT key, value FROM session WHERE key = 'uuid'").fetchall())
-    sql = "SELECT host_ns, raw, crc32 FROM chunk WHERE id = ?"
-    return found | {number: db.execute(sql, (number,)).fetchone() for number in chunks}
 
 
 def _copy_unclosed(path: Path) -> Path:
@@ -238,7 +217,7 @@ def _close_in_place(path: Path, *, end_known: bool = True) -> dict[str, Any]:
     with closing(schema.open_recording(path)) as db:
         meta = schema.read_session(db)
         if not end_known:
-            added["missing"] = asdict(Missing((_end_hole(db, meta),)))
+            added["missing"] = asdict(Missing((end_hole(db, meta),)))
         statements = [*_missing_overview(db, meta), *_end(db, meta), *set_meta(added)]
     file = RecordingFile.reopen(path)
     try:
@@ -248,14 +227,6 @@ def _close_in_place(path: Path, *, end_known: bool = True) -> dict[str, Any]:
         raise
     file.close()
     return added
-
-
-def _end_hole(db: sqlite3.Connection, meta: dict[str, Any]) -> Hole:
-    last = db.execute("SELECT segment, samples FROM block WHERE n > 0 ORDER BY id DESC LIMIT 1").fetchone()
-    if last is None:
-        return UNREAD
-    sample = np.frombuffer(last[1], schema.session_dtype(meta))[-1]
-    return Hole(last[0], int(sample["index"]), int(sample["time_us"]) / 1e6, None, None, None)
 
 
 def _missing_overview(db: sqlite3.Connection, meta: dict[str, Any]) -> Iterator[Statement]:

@@ -14,11 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from boat_daq.engine.recording.missing import UNREAD, Missing, missing_of
-from boat_daq.engine.recording.write_ahead_log import fault_of_log
 from protocol.base.errors import BoatDaqError, damaged
 from protocol.recording import ExtraChannel, Metadata, metadata_of, schema, session_channels
 from protocol.recording.checks import DAMAGE, bytes_of
+from protocol.recording.missing import Missing, missing_before_recovery
 from protocol.recording.writer_lock import is_being_written
 
 
@@ -150,7 +149,7 @@ def _summarise(path: Path, db: sqlite3.Connection) -> Summary:
     status = meta["status"]
     if status == "recording" and not is_being_written(path):
         status = "interrupted"
-    missing = Missing((UNREAD,)) if status == "interrupted" and fault_of_log(path) else missing_of(meta)
+    missing = missing_before_recovery(path, db, meta)
     gaps, lost = _one(db, "SELECT count(*), coalesce(sum(value), 0) FROM event WHERE kind = 'gap'")
     gaps, lost = gaps + len(missing.samples), int(lost) + missing.counted
     low, high = _one(db, "SELECT min(pressure_min_kpa), max(pressure_max_kpa) FROM overview")

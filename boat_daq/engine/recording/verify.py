@@ -24,15 +24,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boat_daq.engine.link.opening import open_link
-from boat_daq.engine.recording.missing import Missing, missing_of
 from boat_daq.engine.recording.rows import OverviewRows
-from boat_daq.engine.recording.write_ahead_log import fault_of_log
 from boat_daq.engine.sample_columns import mv_per_count
 from protocol.base.errors import ProfileError
 from protocol.link.bulk import decode_chunks
 from protocol.link.events import Link, SampleGap, Samples
 from protocol.recording import breaks_of, check_long_tables, open_recording, read_session, session_dtype
 from protocol.recording.checks import DAMAGE
+from protocol.recording.missing import Missing, missing_before_recovery
+from protocol.recording.write_ahead_log import fault_of_log
 from protocol.recording.writer_lock import is_being_written
 
 Progress = Callable[[float, float], None]
@@ -99,7 +99,7 @@ def verify_recording(
         try:
             if fault:
                 raise _Difference(fault)
-            missing = missing_of(read_session(db))
+            missing = missing_before_recovery(path, db, read_session(db))
             if not missing.whole:
                 raise _Difference(f"it was salvaged: {next(missing.lines())}")
             check_long_tables(path, db)

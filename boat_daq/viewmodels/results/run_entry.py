@@ -76,6 +76,7 @@ class RunEntry:
             for b in s.breaks
         ]
         operator, lost = f"operator {s.operator}" if s.operator else "", f"{count(s.lost_samples, 'sample')} lost"
+        lost = lost if s.missing.exact else f"at least {lost}"
         length = f"{duration(s.duration_s)} long, {count(s.readings, 'reading')}"
         parts = (self.path.name, length, *breaks, s.note, operator, s.stop_reason, lost, *s.missing.lines())
         return "\n".join(filter(None, parts))

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from boat_daq.engine.link.opening import open_link
 from boat_daq.engine.recording.file import Statement
-from boat_daq.engine.recording.missing import Hole
 from boat_daq.engine.recording.rows import BLOCK_SAMPLES_MAX, INSERT_BLOCK
 from protocol.base.errors import ProfileError
 from protocol.link.events import ClockWentBack, Link, Samples
 from protocol.recording import SampleFlag, fitted, session_dtype
+from protocol.recording.missing import Hole
 
 Array = NDArray[np.void]
 _NO_KEY = 1 << 62

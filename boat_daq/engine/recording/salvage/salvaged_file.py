@@ -22,13 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boat_daq.engine.recording.file import RecordingFile, Statement, set_meta, storage_error
-from boat_daq.engine.recording.missing import Missing
 from boat_daq.engine.recording.salvage.derive_again import derive_missing
-from boat_daq.engine.recording.salvage.page_rows import Row, rows_of_page
-from boat_daq.engine.recording.write_ahead_log import WriteAheadLog, needs_log, page_size_of
 from protocol.base.errors import RecordingError, RequestError
 from protocol.recording import schema
 from protocol.recording.checks import DAMAGE, bytes_of, harden, refuse_active, value_fits
+from protocol.recording.missing import Missing
+from protocol.recording.page_rows import Row, rows_of_page
+from protocol.recording.write_ahead_log import WriteAheadLog, needs_log, page_size_of
 
 Progress = Callable[[float, float], None]
 _ROWS = 1_000  # of one transaction

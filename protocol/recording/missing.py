@@ -1,10 +1,18 @@
-"""What a salvaged recording lacks: stored in its session as `missing`, shown by `recover`, `info` and `verify`."""
+"""What a recording lacks: a salvaged one by its session's `missing`, one that was not closed by its log."""
 
 from __future__ import annotations
 
+import sqlite3
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
+
+import numpy as np
+
+from protocol.recording.schema import session_dtype
+from protocol.recording.write_ahead_log import end_may_be_missing
+from protocol.recording.writer_lock import is_being_written
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,9 +38,6 @@ class Hole:
         return f"{count} between {after} and {before} are missing"
 
 
-UNREAD = Hole(0, None, None, None, None, None)  # of a recording whose log is damaged, before its recovery
-
-
 @dataclass(frozen=True, slots=True)
 class Missing:
     """Samples and rows that a recovery did not find."""
@@ -47,6 +52,11 @@ class Missing:
     def counted(self) -> int:
         """Samples that are known to be missing."""
         return sum(hole.samples or 0 for hole in self.samples)
+
+    @property
+    def exact(self) -> bool:
+        """Whether `counted` is all of them."""
+        return all(hole.samples is not None for hole in self.samples)
 
     @property
     def whole(self) -> bool:
@@ -66,6 +76,23 @@ def missing_of(meta: Mapping[str, Any]) -> Missing:
     stored = meta.get("missing") or {"samples": [], "rows": []}
     holes = (Hole(**{name: hole[name] for name in Hole.__dataclass_fields__}) for hole in stored["samples"])
     return Missing(tuple(holes), tuple((table, first, last) for table, first, last in stored["rows"]))
+
+
+def missing_before_recovery(path: Path, db: sqlite3.Connection, meta: Mapping[str, Any]) -> Missing:
+    """Return what a recording is known to lack, and whether samples may be missing at its end."""
+    stored = missing_of(meta)
+    if meta["status"] != "recording" or is_being_written(path) or not end_may_be_missing(path):
+        return stored
+    return Missing((*stored.samples, end_hole(db, meta)), stored.rows)
+
+
+def end_hole(db: sqlite3.Connection, meta: Mapping[str, Any]) -> Hole:
+    """Return the hole behind the last sample that is stored."""
+    last = db.execute("SELECT segment, samples FROM block WHERE n > 0 ORDER BY id DESC LIMIT 1").fetchone()
+    if last is None:
+        return Hole(0, None, None, None, None, None)
+    sample = np.frombuffer(last[1], session_dtype(meta))[-1]
+    return Hole(last[0], int(sample["index"]), int(sample["time_us"]) / 1e6, None, None, None)
 
 
 def _s(time_s: float | None) -> str:

@@ -8,21 +8,31 @@ damaged one is used.
 from __future__ import annotations
 
 import enum
+import re
+import sqlite3
 import struct
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 
 from protocol.base.arrays import BoolArray, IntArray
+from protocol.base.errors import damaged
+from protocol.recording.checks import DAMAGE, harden
+from protocol.recording.page_rows import PageImage, Row, rows_of_page
 
 _MAGIC = 0x377F0682  # its last bit is set where the checksums are of big-endian words
 _HEADER_BYTES, _FRAME_BYTES = 32, 24
 _OLDER = 1 << 20  # the first salt grows by one where the log begins again over its older frames
 _PAGE_SIZES = tuple(1 << power for power in range(9, 17))
 _INDEX_VERSION, _INDEX_HEADER = 3007000, 48
+_UUID = re.compile(rb'uuid("[0-9a-f-]{36}")')  # a row of the table `session`, whose leaves begin with this byte:
+_KEY_LEAF = b"\n"
 _RESTARTS = 64  # of the log, between what a computer that lost its power had kept of -shm and of -wal
 
 Words = NDArray[np.uint32]
@@ -166,6 +176,9 @@ class LogCheck:
         return ""
 
 
+OTHERS_LOG = LogCheck(LogState.FOREIGN, None, end_known=False)
+
+
 def needs_log(database: Path) -> bool:
     """Return whether a database was not closed into one file."""
     with database.open("rb") as file:
@@ -173,7 +186,66 @@ def needs_log(database: Path) -> bool:
 
 
 def check_log(database: Path, log: WriteAheadLog | None) -> LogCheck:
-    """Compare a log with the -shm of the program that wrote it, before SQLite opens the database."""
+    """Compare a log with the -shm of the program that wrote it, and with the database, before SQLite changes them."""
+    checked = _check_extent(database, log)
+    if log is not None and checked.state in (LogState.WHOLE, LogState.UNPROVEN) and _is_anothers(database, log):
+        return OTHERS_LOG
+    return checked
+
+
+def open_alone(database: Path) -> sqlite3.Connection:
+    """Open a database without its log."""
+    connection = sqlite3.connect(f"{database.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
+    harden(connection)
+    return connection
+
+
+def _is_anothers(database: Path, log: WriteAheadLog) -> bool:
+    """Return whether a log is another recording's: by its name, its chunks, or pages that would have to be in it."""
+    content: NDArray[np.uint8] = np.memmap(database, np.uint8, "r")
+    size = log.frames.shape[1] - _FRAME_BYTES
+    pages = content[: len(content) // size * size].reshape(-1, size)
+    newest = log.newest(pages)
+    images = {page: log.image(frame) for page, frame in newest.items()}
+    unproven = (log.image(int(frame)) for frame in np.flatnonzero(log.unproven))
+    with suppress(*DAMAGE), closing(open_alone(database)) as alone:
+        own = alone.execute("SELECT value FROM session WHERE key = 'uuid'").fetchone() or ("",)
+        agree = {name in own for name in _named(images.values())} | {
+            _is_stored(alone, row)
+            for row in _chunks(images, lambda page: images.get(page) or pages[page - 1 : page].tobytes())
+        }
+        agree = (agree - {None}) or {name in own for name in _named(unproven)}
+        if agree:
+            return False in agree
+    written = int(log.sizes[log.committed() - 1]) if log.committed() else 0
+    absent = set(range(len(pages) + 1, written + 1)).difference(log.pages.tolist())
+    whole = int.from_bytes(pages[0, 28:32].tobytes(), "big") == len(pages)
+    return whole and len(absent) > int(np.count_nonzero(~log.valid))
+
+
+def _named(pages: Iterable[bytes]) -> Iterator[str]:
+    """Give the identifiers of recordings in pages of `session`."""
+    for page in pages:
+        yield from (found[1].decode() for found in _UUID.finditer(page if page[:1] == _KEY_LEAF else b""))
+
+
+def _chunks(images: Mapping[int, bytes], image: PageImage) -> Iterator[Row]:
+    """Give the rows of `chunk` in single pages that match their checksums."""
+    done: set[int] = set()
+    for page in images.values():
+        found = rows_of_page(page, image, done)
+        yield from (row for table, row in found if table == "chunk" and crc32(row[3]) == row[4])
+
+
+def _is_stored(alone: sqlite3.Connection, row: Row) -> bool | None:
+    """Return whether a file holds a chunk under its number; None where it holds none that can be compared."""
+    sql = "SELECT id, host_ns, direction, raw, crc32 FROM chunk WHERE id = ?"
+    stored = alone.execute(sql, (row[0],)).fetchone()
+    return None if stored is None or crc32(stored[3]) != stored[4] else stored == row
+
+
+def _check_extent(database: Path, log: WriteAheadLog | None) -> LogCheck:
+    """Compare the length of a log with what -shm says of it."""
     committed = 0 if log is None else log.committed()
     if not needs_log(database):
         return LogCheck(LogState.FOREIGN, end_known=True) if committed else LogCheck(LogState.NONE)
@@ -222,9 +294,19 @@ def _read_index(database: Path) -> tuple[int, int, tuple[int, int]] | None:
 def fault_of_log(database: Path) -> str:
     """Return why SQLite would not read all of the log of a recording that no program writes; empty if it would."""
     log = read_log(database)
-    if log is not None and log.damage:
+    fault = check_log(database, log).fault(database.name) if database.is_file() else ""
+    if not fault and log is not None and log.damage:
         return f"{log.damage[0]}; what follows is not read without recovery"
-    return check_log(database, log).fault(database.name) if database.is_file() else ""
+    return fault
+
+
+def end_may_be_missing(database: Path) -> bool:
+    """Return whether a reader of a recording that no program writes may not see its end; raise if it sees another's."""
+    log = read_log(database)
+    checked = check_log(database, log)
+    if checked.state is LogState.FOREIGN:
+        raise damaged(database, f"was not closed: {checked.fault(database.name)}")
+    return (log is not None and bool(log.damage)) or checked.end_known is False
 
 
 def page_size_of(database: Path) -> int:

@@ -132,7 +132,7 @@ class _Compilation(event.Listener):
         if function in _FUNCTIONS:
             self._depth -= 1
             self.done.add(function)
-            show_compiled(len(self.done), len(self.expected))
+            show_compiled(len(self.done), len(self.expected), all_called=self._depth == 0)
 
 
 _COMPILATION = _Compilation()

@@ -1,8 +1,8 @@
 """The precision of every computation: draft, normal or reference, chosen in one place (`--fidelity`).
 
 The numbers of a level are those that the rule of the trade-off (`analysis.studies.tradeoff.measure.choose`) finds in
-the measured table with the level's margin (tested). A level sets no geometry, data or seeds; explicit values (rays, a
-mesh of a file) override it.
+the measured table with the level's margin (tested). A level sets no geometry, mesh, data or seeds; explicit values
+(rays) override it.
 """
 
 from __future__ import annotations
@@ -26,11 +26,6 @@ class Fidelity:
 
     Attributes
     ----------
-    mesh : elements of the shadow's full model: along a cell, across the wall, across the lattice.
-    mesh_error_mm : error of the elongation of the default actuator on that mesh, measured for the trade-off.
-    mesh_error_percent : error bound of the elongation, 95 % of actuators (tests/verification/mesh_error.py).
-    wall_modulus_kpa, neck_radius_mm : the two fitted numbers of the actuator, fitted on that mesh.
-    table : pressures, elongations and shapes of the shadow's reduced model.
     posterior_samples : effective number; 4,000 give a standard deviation to 1.1 %, the width of the 95 % band to 1.5 %.
     points_a_column : points per column of pixels of a live curve, whose extremes are painted.
     """
@@ -38,12 +33,6 @@ class Fidelity:
     level: Level
     rays: int
     ranking_rays: int
-    mesh: tuple[int, int, int]
-    mesh_error_mm: float
-    mesh_error_percent: float
-    wall_modulus_kpa: float
-    neck_radius_mm: float
-    table: tuple[int, int, int]
     walkers: int
     posterior_samples: int
     resamples: int
@@ -53,20 +42,14 @@ class Fidelity:
 _LEVELS: dict[str, Fidelity] = {
     "draft": Fidelity(
         level="draft", rays=50, ranking_rays=2_500,
-        mesh=(6, 2, 3), mesh_error_mm=0.016, mesh_error_percent=5.8,
-        wall_modulus_kpa=1371.6899, neck_radius_mm=4.14997, table=(5, 5, 4),
         walkers=64, posterior_samples=4_000, resamples=100, points_a_column=8,
     ),
     "normal": Fidelity(
         level="normal", rays=250, ranking_rays=5_000,
-        mesh=(8, 2, 4), mesh_error_mm=0.0063, mesh_error_percent=2.8,
-        wall_modulus_kpa=1320.9, neck_radius_mm=4.277, table=(7, 7, 8),
         walkers=64, posterior_samples=4_000, resamples=2_000, points_a_column=16,
     ),
     "reference": Fidelity(
         level="reference", rays=1_000, ranking_rays=25_000,
-        mesh=(12, 3, 6), mesh_error_mm=0.0012, mesh_error_percent=1.0,
-        wall_modulus_kpa=1299.6276, neck_radius_mm=4.31579, table=(7, 7, 8),
         walkers=128, posterior_samples=32_000, resamples=50_000, points_a_column=64,
     ),
 }  # fmt: skip

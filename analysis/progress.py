@@ -19,20 +19,25 @@ def part_of(progress: Progress | None, before: float, size: float, total: float)
     return within
 
 
-_shown: list[Progress] = []
+_shown: list[tuple[Progress, Callable[[], None]]] = []
 
 
 @contextmanager
-def compiling(progress: Progress) -> Iterator[None]:
-    """Have `progress` called with the number of functions that are compiled, and of how many, while this is entered."""
-    _shown.append(progress)
+def compiling(progress: Progress, ended: Callable[[], None] = lambda: None) -> Iterator[None]:
+    """Have `progress` called with the number of functions that are compiled, and of how many, while this is entered.
+
+    `ended`: called when the function that was called is compiled, with all that it calls.
+    """
+    _shown.append((progress, ended))
     try:
         yield
     finally:
-        _shown.remove(progress)
+        _shown.remove((progress, ended))
 
 
-def show_compiled(done: float, total: float) -> None:
+def show_compiled(done: float, total: float, *, all_called: bool) -> None:
     """Show how many functions are compiled where that was asked for last."""
-    for progress in _shown[-1:]:
+    for progress, ended in _shown[-1:]:
         progress(done, total)
+        if all_called:
+            ended()

@@ -14,7 +14,6 @@ import numpy as np
 
 from analysis.calibration.inverse import Inverse
 from analysis.data.recording import Recording
-from analysis.fidelity import Level, fidelity
 from analysis.figures.pipeline import Analysis
 from analysis.figures.sensor_analysis import SensorAnalysis
 from analysis.progress import Progress
@@ -78,18 +77,16 @@ def against_shadow(analysis: Analysis, *, progress: Progress | None = None) -> A
     )
 
 
-def readings_against_shadow(
-    analysis: Analysis, level: Level = "normal", *, progress: Progress | None = None
-) -> dict[str, float]:
+def readings_against_shadow(analysis: Analysis, *, progress: Progress | None = None) -> dict[str, float]:
     """Return number, mean and largest absolute deviation (mm) of a run's readings from the nominal elongation."""
-    from analysis.shadow.model.frames import shadow_at
+    from analysis.shadow.model.table import load_table
 
     if analysis.elongations is None:
         raise DataError("the run has no readings of elongation to compare with the shadow")
-    shadow = shadow_at(fidelity(level), progress=progress)
+    table = load_table(progress=progress)
     known = analysis.elongations.known
     pressure_kpa = np.array([plateau.pressure_kpa for plateau in analysis.plateaus])[known]
-    nominal_mm, _ = shadow.table.nominal_elongation(pressure_kpa)
+    nominal_mm, _ = table.nominal_elongation(pressure_kpa)
     deviation_mm = analysis.elongations.elongation_mm[known] - nominal_mm
     return {
         "plateaus": int(known.sum()),

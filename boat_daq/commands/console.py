@@ -14,6 +14,7 @@ import sys
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from typing import Annotated, Any
 
 import typer
@@ -132,6 +133,13 @@ def notify_shortcomings() -> None:
     for found in shortcomings():
         notify(f"note: {found.cause}")
         notify(f"  try: {found.remedy}: {found.command}")
+
+
+def load(*modules: str) -> None:
+    """Import modules that take seconds, behind a bar."""
+    with progress_bar("loading"):
+        for module in modules:
+            import_module(module)
 
 
 @contextmanager

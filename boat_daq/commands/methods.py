@@ -21,7 +21,7 @@ def tradeoff(
         typer.Argument(
             metavar="[METHOD]...",
             help="tracer, ranking, full-fem, reduced-fem, posterior, inverse, segmentation, bootstrap, decimation, "
-            "tracking; whole jobs: calibration, report, sweep, shadow; default all.",
+            "tracking; whole jobs: calibration, report, sweep; default all.",
         ),
     ] = None,
     folder: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for JSON, CSV and charts.")] = Path(

@@ -15,7 +15,7 @@ import typer
 from analysis.numbers import decimals_for
 from analysis.optics.scene.parameters import ALL, PAPER_RAYS, PAPER_SECONDARY, Design, Light, Waveguide
 from analysis.optics.scene.scene_file import OpticalScene, read_scene
-from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar
+from boat_daq.commands.console import JsonOption, emit_json, load, notify, present, progress_bar
 from boat_daq.commands.options import AllowRemoteOption, OptionalFidelity
 from protocol.base.errors import writing
 from protocol.base.whole_file import write_whole
@@ -180,8 +180,6 @@ def trace(
 
     Example: boat-daq optics trace --cavities 5 --width 1.0 --depth 0.5 --spacing 0.9 --state 0
     """
-    from analysis.optics.tracer.tolerance import FEWEST_RAYS
-
     if tolerance is not None and (rays is not None or fidelity is not None):
         raise typer.BadParameter("chooses the rays: omit --rays and --fidelity", param_hint="--tolerance")
     chosen = _scene_of(scene, index=index, curves=curves, order=order, secondary=secondary)
@@ -189,6 +187,9 @@ def trace(
         raise typer.BadParameter("chooses the turn of the fan: omit phase in the scene", param_hint="--tolerance")
     design, guide = Design(cavities, width, depth, spacing, chosen.face), chosen.guide
     light = chosen.light(*released_rays(rays, chosen.secondary, fidelity, lambda level: level.rays))
+    load("analysis.optics.tracer.tolerance")
+    from analysis.optics.tracer.tolerance import FEWEST_RAYS
+
     frame, number = _frame(curves_of(chosen.curves), state, guide)
     traced = _traced(frame, design, guide, light, tolerance)
     if out is not None:
@@ -299,12 +300,13 @@ def scene_command(
 
     Example: boat-daq optics scene --state 14 --out elongated.json
     """
-    from analysis.optics.tracer.ray_optics_export import ray_optics_scene
-
     chosen = _scene_of(scene, index=index, curves=curves, order=order, secondary=secondary)
     _notify_unused(chosen, "attenuation_db_per_cm", "faintest")
     design, guide = Design(cavities, width, depth, spacing, chosen.face), chosen.guide
     light = chosen.light(rays, secondaries_of(rays) if chosen.secondary is None else chosen.secondary)
+    load("analysis.optics.tracer.ray_optics_export")
+    from analysis.optics.tracer.ray_optics_export import ray_optics_scene
+
     frame, number = _frame(curves_of(chosen.curves), state, guide)
     name = f"BOAT n={cavities} w={width:g} d={depth:g} s={spacing:g} mm, state {number}"
     built = ray_optics_scene(frame, design, guide, light, name)
@@ -345,14 +347,15 @@ def sweep(
         raise typer.BadParameter("limits a race: add --confidence", param_hint="--seconds")
     if confidence is not None and fidelity is not None:
         raise typer.BadParameter("chooses the rays itself: omit --fidelity", param_hint="--confidence")
-    from analysis.optics.sweep.fans import light_within
-    from analysis.optics.sweep.sweep import SweepRequest
-
     chosen = read_scene(scene)
     if chosen.phase is not None and (confidence is not None or tolerance is not None):
         raise typer.BadParameter(
             "must have no phase with --confidence or --tolerance, which turn the fan", param_hint="--scene"
         )
+    load("analysis.optics.sweep.report")
+    from analysis.optics.sweep.fans import light_within
+    from analysis.optics.sweep.sweep import SweepRequest
+
     designs, by, secondary = _grid(cavities, chosen), chosen.rank_by or "count", chosen.secondary
     released, budget = released_rays(rays, secondary, fidelity, lambda level: level.ranking_rays)
     if confidence is not None:  # the model that the race samples more finely
@@ -451,16 +454,17 @@ def optimise(
 
     Example: boat-daq optics optimise --seconds 50
     """
-    from analysis import numbers
-    from analysis.optics.sweep.optimise import optimise as search
-    from analysis.optics.sweep.report import optimum_json, optimum_text
-
     Light(rays=rays, secondary=0)  # refuses a number that cannot be traced
     if out is not None:
         with writing(out):
             out.mkdir(parents=True, exist_ok=True)
     chosen = read_scene(scene)
     _notify_unused(chosen, "emission", "order", "secondary", "phase", "faintest")
+    load("analysis.optics.sweep.optimise", "analysis.optics.sweep.report")
+    from analysis import numbers
+    from analysis.optics.sweep.optimise import optimise as search
+    from analysis.optics.sweep.report import optimum_json, optimum_text
+
     with progress_bar("search") as advance:
         found = search(
             chosen.guide,

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, show, show_table
-from boat_daq.commands.options import FidelityOption, PlotOption, RunArgument, one_of
+from boat_daq.commands.console import JsonOption, emit_json, load, notify, present, progress_bar, show, show_table
+from boat_daq.commands.options import PlotOption, RunArgument, one_of
 from boat_daq.commands.shadow_model import (
     MeshOption,
     ParametersOption,
@@ -28,7 +28,6 @@ from protocol.base.errors import writing
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from analysis.fidelity import Level
     from analysis.optics.scene.parameters import Design
     from analysis.optics.sweep.signal import ChainSignal
     from analysis.optics.sweep.sweep import SweepResult
@@ -62,7 +61,6 @@ def solve(
     parameters: ParametersOption = None,
     mesh: MeshOption = None,
     plot: PlotOption = None,
-    fidelity: FidelityOption = "normal",
     as_json: JsonOption = False,
 ) -> None:
     """Solve the state at a pressure, an elongation, or both.
@@ -77,16 +75,18 @@ def solve(
         raise typer.BadParameter("give --pressure, --elongation, or both", param_hint="--pressure")
     if mesh is not None and (model == "reduced" or plot is not None):
         raise typer.BadParameter("goes with --model full and without --plot", param_hint="--mesh")
+    load("analysis.shadow.model.assessment")
     from analysis.shadow.model.assessment import assess
 
-    solved = solved_state(pressure, elongation, model, parameters, mesh, fidelity)
-    found = assess(solved.model, solved.solution)
-    fallback = _fallback(model, solved, parameters, fidelity)
+    with progress_bar("solving"):
+        solved = solved_state(pressure, elongation, model, parameters, mesh)
+        found = assess(solved.model, solved.solution)
+    fallback = _fallback(model, solved, parameters)
     warnings = [*found.warnings, *fallback]
     for warning in warnings:
         notify(warning.text)
     if plot is not None:
-        _plot_state(solved.solution, parameters, plot, fidelity)
+        _plot_state(solved.solution, parameters, plot)
     notes = {
         "notes": [warning.text for warning in warnings],
         "warnings": [warning.as_json() for warning in warnings],
@@ -104,7 +104,7 @@ def _json(solved: SolvedState, found: Assessment) -> dict[str, Any]:
         "pressure_kpa": solution.pressure_kpa,
         "elongation_mm": solution.elongation_mm,
         "error_mm": solved.error_mm,
-        "mesh": [size.axial_elements, size.wall_elements, size.lattice_elements],
+        "mesh": list(size.elements),
         "lowest_eigenvalue": found.lowest_eigenvalue,
         "iterations": solution.iterations,
         "seconds": solved.seconds,
@@ -125,29 +125,29 @@ def _lines(solved: SolvedState, found: Assessment) -> list[str]:
         f"lowest eigenvalue {found.lowest_eigenvalue:.3f} (1 at rest, 0 at the critical pressure of "
         f"{limit_kpa:.3g} kPa)",
     ]
-    elements = f"{size.axial_elements} x ({size.wall_elements} + {size.lattice_elements})"
+    elements = "{} x ({} + {})".format(*size.elements)
     if math.isfinite(solved.error_mm):
         whose = "" if solved.default else ", at most, of 95 % of all actuators"
         lines.append(f"error of the elongation by the mesh of {elements} elements: {solved.error_mm:.2g} mm{whose}")
     return lines
 
 
-def _fallback(model: str, solved: SolvedState, parameters: Path | None, level: Level) -> list[Warning]:
+def _fallback(model: str, solved: SolvedState, parameters: Path | None) -> list[Warning]:
     """Return the warning that the full model was used because the reduced one, which was chosen, has no such state."""
     if model == solved.used:
         return []
     from analysis.warning import Warning, WarningCode
 
-    table = chosen_table(chosen_parameters(parameters, level), level)
+    table = chosen_table(chosen_parameters(parameters))
     text = f"outside the table of the reduced model ({table.rectangle}): the full model was used"
     return [Warning(WarningCode.OUTSIDE_TABLE, "", text)]
 
 
-def _plot_state(solution: Solution, parameters: Path | None, path: Path, level: Level = "normal") -> None:
+def _plot_state(solution: Solution, parameters: Path | None, path: Path) -> None:
     """Plot a state into a file."""
     from analysis.shadow.model.drawing import shadow_figure
 
-    shadow = chosen_shadow(parameters, level)
+    shadow = chosen_shadow(parameters)
     state = shadow.state(pressure_kpa=solution.pressure_kpa, elongation_mm=solution.elongation_mm)
     save_figure(shadow_figure(state, shadow.topology), path)
 
@@ -156,24 +156,22 @@ def _plot_state(solution: Solution, parameters: Path | None, path: Path, level: 
 def table(
     parameters: ParametersOption = None,
     plot: Annotated[Path | None, typer.Option(help="Plot error against the number of shapes into this file.")] = None,
-    fidelity: FidelityOption = "normal",
     as_json: JsonOption = False,
 ) -> None:
     """Show range, error and speed of the reduced model.
 
-    It is loaded from the cache, or built.
+    The default actuator's comes with the program; another is loaded from the cache, or built.
 
     Example: boat-daq shadow table --plot errors.png
     """
-    from analysis.fidelity import fidelity as at
     from analysis.shadow.model.drawing import table_errors_figure
-    from analysis.shadow.model.frames import table_settings
+    from analysis.shadow.model.reduced import TableSettings
     from analysis.shadow.model.table import load_table
 
-    chosen, settings = chosen_parameters(parameters, fidelity), table_settings(at(fidelity))
+    chosen = chosen_parameters(parameters)
     begun = time.perf_counter()
     with progress_bar("building the table") as progress:
-        made = load_table(chosen, settings, progress=progress)
+        made = load_table(chosen, progress=progress)
     seconds = time.perf_counter() - begun
     result = {
         "pressure_range_kpa": made.pressure_range_kpa,
@@ -182,7 +180,7 @@ def table(
         "errors_mm": made.errors_mm,
         "error_bound_mm": made.error_bound_mm,
         "error_bound_percent": 100.0 * made.error_bound_mm / float(made.nominal_range_mm[1]),
-        "held_out": settings.held_out,
+        "held_out": TableSettings().held_out,
         "critical_pressure_kpa": float(made.critical_kpa),
         "states_per_s": made.states_per_second(),
         "seconds": seconds,
@@ -215,7 +213,9 @@ def export(
     from analysis.shadow.fem.mesh_files import write_state
 
     model = chosen_model(parameters, None)
-    write_state(out, file_format, model.parameters, model.mesh, model.solve(pressure_kpa=pressure))
+    with progress_bar("solving"):
+        state = model.solve(pressure_kpa=pressure)
+    write_state(out, file_format, model.parameters, model.mesh, state)
     nodes, elements = len(model.mesh.nodes), len(model.mesh.quads)
     content = {"out": out, "format": file_format, "pressure_kpa": pressure, "nodes": nodes, "elements": elements}
     present(content, f"wrote {out}: {nodes} nodes, {elements} elements, {pressure:+g} kPa", as_json=as_json)
@@ -233,9 +233,11 @@ def states(
 
     Example: boat-daq shadow states --out curves.csv
     """
+    load("analysis.shadow.model.states")
     from analysis.shadow.model.states import guide_states, write_states
 
-    found = guide_states(chosen_model(parameters, None))
+    with progress_bar("solving"):
+        found = guide_states(chosen_model(parameters, None))
     write_states(found, out)
     bow, points = found.bow_mm(), found.curves_mm.shape[2]
     content = {
@@ -376,7 +378,8 @@ def chain(
     from analysis.shadow.model.states import guide_states
 
     designs = tuple(paper_grid())
-    states = guide_states(chosen_model(parameters, None))
+    with progress_bar("solving"):
+        states = guide_states(chosen_model(parameters, None))
     found: dict[str, Any] = {}
     for name, curves in (("shadow", states.curves_mm), ("parametric", parametric_curves())):
         found[name] = _outcome(_chain_sweep(name, designs, curves, rays or SIGNAL_RAYS))

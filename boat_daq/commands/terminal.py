@@ -61,5 +61,8 @@ def bar(label: str) -> Iterator[Callable[[float, float], None]]:
             text = f"compiling once: {done:.0f} of at most {total:.0f} functions"
             progress.update(task, description=text, completed=done, total=total)
 
-        with compiling(compiled):
+        def ended() -> None:
+            progress.update(task, description=label, completed=0, total=None)
+
+        with compiling(compiled, ended):
             yield advance

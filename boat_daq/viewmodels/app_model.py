@@ -59,7 +59,7 @@ class AppModel:
         self.layouts = Layouts(self.preferences, self.undo, lambda: self.unit.name(self.snapshot))
         self.live = LiveModel(lambda: session.live.ring, layout=lambda: self.layouts.current)
         self.overlay = OverlayModel(lambda: session.live.ring, session.steps, self.live.time_of)
-        self.shadow = ShadowLive(self.live, self.jobs, self.notices)
+        self.shadow = ShadowLive(self.live, self.jobs)
         self.disagreement = DisagreementWatch(self.live)
         self.monitor = ShadowMonitor(lambda: self.shadow.model, self.overlay)
         self.sequence = SequenceModel(
@@ -108,7 +108,6 @@ class AppModel:
     def _use_fidelity(self, chosen: Fidelity) -> None:
         self.live.points_a_column = chosen.points_a_column
         self.optics.set_fidelity(chosen)
-        self.shadow.set_fidelity(chosen.level)
         self.calibration.fidelity = self.repeatability.fidelity = self.runs.fidelity = chosen
 
     def compile_ahead(self) -> None:

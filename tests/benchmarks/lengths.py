@@ -26,9 +26,8 @@ def benchmark_shadow() -> Shadow:
     from analysis.shadow.model.frames import Shadow
     from analysis.shadow.model.reduced import TableSettings
     from analysis.shadow.model.table import build_table
-    from boat_daq.workflows.shadow_jobs import shadow_of
 
     if WHOLE:
-        return shadow_of()
+        return Shadow()
     small = ActuatorParameters(cells=2, axial_elements=6, wall_elements=1, lattice_elements=3)
     return Shadow(small, build_table(small, TableSettings(3, 3, 2, 1)))

@@ -30,8 +30,8 @@ BYS: tuple[By, ...] = ("count", "power")
 PAPER_SECONDARY = 100
 ALL = -1
 """Budget under which every reflected part above the faintest power is followed."""
-FULL_FAINTEST = 1e-3
-"""Faintest power where all reflected parts are followed."""
+FULL_FAINTEST, LEAST_FAINTEST = 1e-3, 1e-12
+"""Faintest power where all reflected parts are followed: the default, and the least that ends."""
 
 
 def _finite(name: str, value: float) -> None:
@@ -169,6 +169,11 @@ class Light:
         _one_of("order", self.order, ORDERS)
         _between("path cap", self.path_cap_mm, 1.0, 1e7, " mm")
         _between("faintest power", self.faintest, 0.0, 0.1)
+        if self.secondary == ALL and self.faintest < LEAST_FAINTEST:
+            raise ChoiceError(
+                f"all reflected parts down to a power of {self.faintest:g} are too many to follow",
+                f"choose a faintest power of {LEAST_FAINTEST:g} or more",
+            )
         _between("phase of the fan", self.phase, -0.5, 0.5)
 
     def with_rays(self, rays: int) -> Light:

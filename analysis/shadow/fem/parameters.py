@@ -55,7 +55,8 @@ class ActuatorParameters:
             check_number(field.name, getattr(self, field.name), whole=field.type == "int")
         _ = self.lattice, self.wall  # check themselves
         outer = self.belly_radius_mm + self.wall_mm
-        elements = self.cells * self.axial_elements * (self.wall_elements + self.lattice_elements)
+        along, wall, lattice = self.elements
+        elements = self.cells * along * (wall + lattice)
         if self.neck_radius_mm > self.belly_radius_mm:
             cause = f"the neck ({self.neck_radius_mm} mm) is wider than the belly ({self.belly_radius_mm} mm)"
             raise RequestError(cause, "swap neck_radius_mm and belly_radius_mm")
@@ -69,6 +70,11 @@ class ActuatorParameters:
         if self.guide_bow_mm >= self.envelope_radius_mm:
             cause = f"the guides bow out to {self.guide_bow_mm:g} mm, {end}"
             raise RequestError(cause, "make guide_bow_mm smaller than envelope_radius_mm")
+
+    @property
+    def elements(self) -> tuple[int, int, int]:
+        """Return the elements along a cell, across the wall, across the lattice."""
+        return self.axial_elements, self.wall_elements, self.lattice_elements
 
     @property
     def length_mm(self) -> float:

@@ -12,20 +12,19 @@ from __future__ import annotations
 import math
 import time
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
-from analysis.fidelity import Fidelity
 from analysis.progress import Progress
 from analysis.shadow.fem.element import deformation_gradients, nodal_stretch
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.fem.solver import Solution
 from analysis.shadow.model.full import FullModel, check_values
 from analysis.shadow.model.guides import both_guides
-from analysis.shadow.model.reduced import ReducedModel, TableSettings
+from analysis.shadow.model.reduced import ReducedModel
 from analysis.shadow.model.table import load_table
 from protocol.base.arrays import FloatArray, IntArray
 from protocol.base.errors import ConvergenceError
@@ -75,8 +74,8 @@ class ShadowState:
 class Shadow:
     """The shadow of one actuator.
 
-    `parameters`: the actuator; the paper's by default. `table`: its reduced model; from the cache, or built (about 3
-    s), by default.
+    `parameters`: the actuator; the paper's by default. `table`: its reduced model; by default the program's,
+    or of another actuator from the cache, or built (about 3 s).
     """
 
     def __init__(
@@ -180,28 +179,3 @@ def triangles(quads: IntArray) -> IntArray:
     """Cut each eight-node quadrilateral into six triangles over its nodes, shape (6 m, 3)."""
     corners = [(0, 4, 7), (4, 1, 5), (5, 2, 6), (6, 3, 7), (4, 5, 7), (5, 6, 7)]
     return np.concatenate([quads[:, list(c)] for c in corners])
-
-
-def actuator(level: Fidelity, base: ActuatorParameters | None = None) -> ActuatorParameters:
-    """Return an actuator on the level's mesh.
-
-    `base`: a caller's own actuator, of which only the mesh is changed; by default the program's, whose two fitted
-    numbers are those of the mesh.
-    """
-    axial, wall, lattice = level.mesh
-    meshed = replace(base or ActuatorParameters(), axial_elements=axial, wall_elements=wall, lattice_elements=lattice)
-    if base is not None:
-        return meshed
-    return replace(meshed, wall_modulus_kpa=level.wall_modulus_kpa, neck_radius_mm=level.neck_radius_mm)
-
-
-def table_settings(level: Fidelity) -> TableSettings:
-    """Return the size of the level's reduced model."""
-    pressures, elongations, shapes = level.table
-    return TableSettings(pressures=pressures, elongations=elongations, modes=shapes)
-
-
-def shadow_at(level: Fidelity, base: ActuatorParameters | None = None, progress: Progress | None = None) -> Shadow:
-    """Return the shadow of the level's actuator, its table from the cache or built."""
-    parameters = actuator(level, base)
-    return Shadow(parameters, load_table(parameters, table_settings(level), progress=progress))

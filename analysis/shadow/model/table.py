@@ -1,7 +1,8 @@
 """Building the reduced model from full solutions, and its cache.
 
 Strategy: the rectangle is traversed row by row in alternating direction, each solution starting from its neighbour. The
-cache is one npz file named by a hash of everything that the table depends on.
+cache is one npz file named by a hash of everything that the table depends on. That of the default actuator comes with
+the program (`default_table.npz`, by `tests/analysis/shadow/make_default_table.py`), with its unstable held states.
 """
 
 from __future__ import annotations
@@ -20,7 +21,6 @@ from typing import Any
 
 import numpy as np
 import platformdirs
-from scipy.stats import qmc
 
 from analysis.progress import Progress
 from analysis.shadow.fem.parameters import ActuatorParameters
@@ -67,6 +67,7 @@ _LOWEST_KPA = -90.0
 NOMINAL_POINTS = 16
 """The lower side is this share of the critical pressure, never below the second; points of the nominal curve."""
 _ARRAYS = tuple(field.name for field in fields(ReducedModel))
+DEFAULT_TABLE = Path(__file__).with_name("default_table.npz")
 
 
 Count = Callable[[], None]
@@ -157,6 +158,8 @@ def _nominal_curves(model: FullModel, pressures: FloatArray, count: Count) -> tu
 
 def _held_out_errors(model: FullModel, table: ReducedModel, number: int, count: Count) -> FloatArray:
     """Return the greatest error of a tracked point over quasi-random states, with 1, 2, ... modes, shape (modes,)."""
+    from scipy.stats import qmc  # here: a table that is read needs no SciPy
+
     unit = qmc.Sobol(2, seed=20260101).random_base2(max(number - 1, 0).bit_length())[:number]
     p0, p1 = table.pressure_range_kpa
     q0, q1 = table.elongation_range_mm
@@ -186,8 +189,10 @@ def load_table(
     progress: Progress | None = None,
     folder: Path | None = None,
 ) -> ReducedModel:
-    """Return the table from the cache, or build it and keep it there."""
+    """Return the program's table, that from the cache, or build it and keep it there."""
     p, s = parameters or ActuatorParameters(), settings or TableSettings()
+    if (p, s) == (ActuatorParameters(), TableSettings()) and (table := read_table(DEFAULT_TABLE)) is not None:
+        return table
     path = (folder or cache_folder()) / f"{table_digest(p, s)}.npz"
     kept = read_table(path)
     if kept is not None:
@@ -197,9 +202,20 @@ def load_table(
     return table
 
 
+def default_unstable() -> frozenset[tuple[int, int]]:
+    """Return the places of the default actuator's unstable held states (see held.py)."""
+    arrays = load_arrays(DEFAULT_TABLE, ("unstable",)) or {"unstable": np.empty((0, 2))}
+    return frozenset((int(p), int(q)) for p, q in arrays["unstable"])
+
+
 def write_table(table: ReducedModel, path: Path) -> None:
     """Keep a table in a file, where its folder can be written."""
-    keep_arrays(path, {name: getattr(table, name) for name in _ARRAYS})
+    keep_arrays(path, table_arrays(table))
+
+
+def table_arrays(table: ReducedModel) -> dict[str, Any]:
+    """Return the arrays of a table by their names in a file."""
+    return {name: getattr(table, name) for name in _ARRAYS}
 
 
 def read_table(path: Path) -> ReducedModel | None:

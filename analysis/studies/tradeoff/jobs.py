@@ -1,4 +1,4 @@
-"""Whole jobs: a calibration, its report, the paper's sweep, a digital shadow, each from its input to its result.
+"""Whole jobs: a calibration, its report, the paper's sweep, each from its input to its result.
 
 The chart of a method is the cost of one step; a job adds all its steps, with those that no method has: segmentation
 beside the posterior, page setting, the building of scenes. The sweep is measured on 24 designs and its time multiplied
@@ -16,18 +16,15 @@ import numpy as np
 from scipy.stats import spearmanr
 
 from analysis.data.recording import Recording
-from analysis.fidelity import LEVELS, Fidelity, Level, fidelity
+from analysis.fidelity import LEVELS, Level
 from analysis.figures.pipeline import Analysis
 from analysis.figures.sensor_analysis import Options
 from analysis.optics.scene.parameters import Light, Waveguide
 from analysis.optics.sweep.figure_of_merit import merit, resolution
 from analysis.optics.sweep.sweep import SweepRequest, paper_grid, run_sweep
 from analysis.reports.build import write_report
-from analysis.shadow.model.reduced import TableSettings
-from analysis.shadow.model.table import build_table
 from analysis.studies.failure_maps.figures import Stairs, analysed_with
 from analysis.studies.tradeoff.measure import Method, Setting
-from analysis.studies.tradeoff.mechanics import MESH, READING_MM, actuator_on
 from analysis.studies.tradeoff.rays import RANKING, rays_text, turned
 from analysis.studies.tradeoff.references import load
 from protocol.base.arrays import FloatArray
@@ -111,25 +108,6 @@ def sweep_settings(quick: bool) -> list[Setting]:
     return [Setting(rays_text(n), partial(ranked, n), error, work=len(designs) / PAPER_DESIGNS) for n in rays]
 
 
-def shadow_settings(_: bool) -> list[Setting]:
-    """Return the levels; a call builds the shadow of an actuator and takes its elongation at nine pressures.
-
-    The mesh of a level has the wall and the neck that were fitted on it, as the program's has.
-    """
-    truth = load("calculix")
-    pressures, elongations = np.array(truth["pressures_kpa"]), np.array(truth["elongations_mm"])
-
-    def built(level: Fidelity, _: int) -> FloatArray:
-        side, _, modes = level.table
-        settings = replace(TableSettings(), pressures=side, elongations=side, modes=modes)
-        return build_table(actuator_on(level.mesh), settings).nominal_elongation(pressures)[0]
-
-    def error(found: FloatArray) -> float:
-        return float(np.sqrt(np.mean((found - elongations) ** 2)))
-
-    return [Setting(name, partial(built, fidelity(name)), error) for name in LEVELS]
-
-
 _WIDTHS = "the same job with 50,000 resamples and 8,000 samples, mean of 16 seeds"
 _WIDTHS_CONSUMER = "the reader of widths of bands and intervals, printed with two digits: 5 %"
 CALIBRATION = Method(
@@ -143,9 +121,4 @@ REPORT = Method(
 SWEEP = replace(
     RANKING, name="sweep", title="Job: the paper's sweep", per="9,720 scenes on one core, scaled from 360",
     settings=sweep_settings,
-)  # fmt: skip
-SHADOW = Method(
-    "shadow", "Job: digital shadow of an actuator", MESH.reference, True,
-    "the deviation from readings: a tenth of the reading error", READING_MM / 10, "mm", "a shadow",
-    lambda level: level.level, shadow_settings,
 )  # fmt: skip

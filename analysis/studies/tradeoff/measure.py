@@ -60,6 +60,7 @@ class Method:
     per: str  # what one time is measured for
     setting_at: Callable[[Fidelity], str]  # name of the setting that the program uses at a fidelity
     settings: Callable[[bool], Sequence[Setting]]  # lists the settings; True for the quick run
+    one_for_all: bool = False  # whether all levels of precision have the setting of normal
 
     @property
     def in_code(self) -> dict[Level, str]:
@@ -159,7 +160,8 @@ def choose_levels(points: Sequence[CostPoint], method: Method) -> dict[Level, st
     in_code, best = method.in_code, TIE * min(p.error for p in points)
 
     def chosen(level: Level) -> str:
-        sufficient = choose(points, method.tolerance, in_code[level], MARGINS[level])
+        margin = MARGIN if method.one_for_all else MARGINS[level]
+        sufficient = choose(points, method.tolerance, in_code[level], margin)
         return sufficient or choose(points, best, in_code[level], 1.0) or in_code[level]
 
     return {level: chosen(level) for level in LEVELS}

@@ -156,11 +156,11 @@ MESH = Method(
     "full-fem", "Full model: mesh and integration",
     "CalculiX 2.20, a second program, on 24 x (5 + 10) elements; each mesh is fitted to the same two elongations", True,
     "the deviation from the readings: a tenth of the reading error", READING_MM / 10, "mm", "a solution near the last",
-    lambda level: _mesh_name(level.mesh), mesh_settings,
+    lambda _: _mesh_name(ActuatorParameters().elements), mesh_settings, one_for_all=True,
 )  # fmt: skip
 BASIS = Method(
     "reduced-fem", "Reduced model: grid and shapes",
     "full solutions with prescribed elongation, at random states that no table is built from", True,
     "the replay, which guarantees 0.1 % of the full model's tracked points", TRACKED_MM, "mm", "a state",
-    lambda level: _basis_name(level.table[0], level.table[2]), basis_settings,
+    lambda _: _basis_name(TableSettings().pressures, TableSettings().modes), basis_settings, one_for_all=True,
 )  # fmt: skip

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from PySide6.QtCore import Qt, QTimerEvent
-from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
@@ -40,24 +39,21 @@ class NominalCard(PlotCard):
         self.plot.x_range(*PRESSURES_KPA)
         self.plot.y_range(-5.0, 5.0)
         self._framed = False
-        self._drawn: object = None  # the model whose nominal curve is drawn
 
     def show_model(self, model: ShadowLive) -> None:
         """Draw the nominal curve once it is known, and the path of the last minute."""
         nominal = model.nominal_curve()
         if nominal is None:
-            self.readout.setText(f"\u25b2 {model.problem}" if model.problem else "preparing the shadow …")
+            self.readout.setText("preparing the shadow …")
             return
         pressure, mm, low, high = nominal
-        if not self._framed or model.model is not self._drawn:  # also where another table has come
-            self._drawn = model.model
-            self.band.fill(pressure, low, high)
-            self.nominal.set(pressure, mm)
         if not self._framed:
             self._framed = True
+            self.band.fill(pressure, low, high)
+            self.nominal.set(pressure, mm)
             self.plot.fit()
         self.trace.set(*model.trace())
-        head = f"\u25b2 {model.problem}" if model.problem else "- - model with its band   — measured, last minute"
+        head = "- - model with its band   — measured, last minute"
         self.readout.setText(f"{head}   numerical error {1e3 * model.error_mm:.1g} \u00b5m")
 
 
@@ -116,11 +112,6 @@ class ShadowPage(ReflowingPage):
         self.alarms = DataTable("Alarms of the monitor, the newest on top", ALARM_HEADINGS)
         self.alarms.setFixedHeight(ALARM_LINES * style.CONTROL_HEIGHT)
         return controls.card(controls.row(controls.label("Alarms", "subtitle"), (self.verdict, 1)), self.alarms)[0]
-
-    def showEvent(self, event: QShowEvent) -> None:
-        """Prepare a shadow whose preparation was cancelled."""
-        self.model.try_again()
-        super().showEvent(event)
 
     def timerEvent(self, event: QTimerEvent) -> None:
         """Draw one frame while the page is visible."""

@@ -16,12 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.published import LOOP_HALF_WIDTH_MM
+from analysis.shadow.model.held import Place, can_be_unstable, place_of
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.formatting import THIN, count, duration, in_units, number
-from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.live.live_model import LiveModel, OverlayModel, signals
-from boat_daq.workflows.jobs import Background, Job, JobRunner, JobState
-from boat_daq.workflows.shadow_jobs import can_be_unstable, place_of, shadow_of, unstable_held_states, warm
+from boat_daq.workflows.jobs import Background, JobRunner
 from protocol.base.arrays import FloatArray
 from protocol.base.units import MINUS, NOTHING, ShownUnits
 
@@ -41,7 +40,7 @@ _LENGTH_MM, RADIUS_MM = 75.0, 25.0
 PRESSURES_KPA = (-45.0, 55.0)
 TRACE_S, _TRACE_POINTS = 60.0, 1200
 SEEN_KPA, SEEN_MM = 0.1, 0.02  # visible steps of pressure and elongation
-CANCELLED = "not prepared: cancelled. Open Models, Shadow again to prepare it."
+COMPILING = ("missing code", "compiled code")  # jobs that end before the model is loaded
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,62 +90,34 @@ NOTHING_DRAWN = (np.zeros((0, 4, 2)), np.zeros(0, np.int64), np.zeros((0, 0, 2))
 class ShadowLive:
     """State of the pane."""
 
-    def __init__(self, live: LiveModel, jobs: JobRunner, notices: Notices) -> None:
-        self._live, self._jobs, self._notices = live, jobs, notices
-        self._loading: Background[Shadow] = Background("shadow")
-        self._prepared, self._level = False, "normal"
-        self._made = self._level  # precision of the table that was built
+    def __init__(self, live: LiveModel, jobs: JobRunner) -> None:
+        self._live, self._jobs = live, jobs
+        self._loading: Background[tuple[Shadow, frozenset[Place]]] = Background("shadow")
+        self._wanted, self._begun = False, False
         self.model: Shadow | None = None
         self.quantity = "displacement"
-        self.problem, self._cancelled = "", False
         self._last: tuple[tuple[object, ...], ShadowPicture] | None = None
-        self._unstable: frozenset[tuple[int, int]] | None = None  # places of the table; None until the job has ended
-        self._stability_job: Job | None = None
-        self._no_stability = ""
+        self._unstable: frozenset[Place] = frozenset()
 
     # ---- loading -------------------------------------------------------------------------------------------------
 
     def prepare(self) -> None:
-        """Build the table in a helper process, once for each fidelity."""
-        if not self._prepared:
-            self._prepared = True
-            made = self._level
-            job = Job("Preparing the shadow", warm, made)
-            self._jobs.start("shadow", job, lambda job: self._built(job, made))
-
-    def set_fidelity(self, level: str) -> None:
-        """Use another precision once `prepare` has built its model; until then the current one stays."""
-        if level != self._level:
-            self._level, self._prepared = level, False
+        """Let `poll` load the model on a helper thread, once the jobs that compile have ended."""
+        self._wanted = True
 
     @property
     def error_mm(self) -> float:
         """Return the greatest error of a tracked point over the held-out states of the table; NaN while it loads."""
         return math.nan if self.model is None else float(self.model.table.errors_mm[-1])
 
-    def _built(self, job: Job, made: str) -> None:
-        self._cancelled = job.state is JobState.CANCELLED
-        if job.state is JobState.DONE:
-            self.problem, self._made = "", made
-            self._loading.call(shadow_of, made)
-        elif job.failure is not None:
-            self.problem, failure = job.failure.text, job.failure
-            self._notices.add(Severity.WARNING, failure.cause, failure.remedy, details=failure.details)
-        else:
-            self.problem = CANCELLED
-
-    def try_again(self) -> None:
-        """Let `prepare` build a table whose preparation was cancelled."""
-        if self._cancelled:
-            self.problem, self._cancelled, self._prepared = "", False, False
-
     def poll(self) -> None:
-        """Take the model once it is loaded."""
+        """Load the model, and take it."""
+        if self._wanted and not self._begun and not any(map(self._jobs.get, COMPILING)):
+            self._begun = True
+            self._loading.call(_load)
         loaded = self._loading.take()
         if loaded is not None:
-            self.model = loaded
-            self._jobs.cancel("stability")  # of another model
-            self._unstable, self._stability_job, self._no_stability = None, None, ""
+            self.model, self._unstable = loaded
 
     def close(self) -> None:
         """End the helper thread."""
@@ -235,29 +206,6 @@ class ShadowLive:
         held = math.isfinite(mm) and bool(self.model.table.holds(pressure, np.array(mm)))
         return (now.pressure, mm) if held else None
 
-    def _stability(self, pressure_kpa: float, elongation_mm: float, deviation_mm: float) -> str:
-        """Return a warning if a held state is unstable: looked up in the result of a helper process.
-
-        One test takes 30 ms of the interpreter, which a thread would take from the frames and the reader.
-        """
-        if not can_be_unstable(pressure_kpa, deviation_mm):
-            return ""
-        if self._unstable is None:
-            if self._stability_job is None:
-                self._stability_job = Job("Testing stability", unstable_held_states, self._made)
-                self._jobs.start("stability", self._stability_job, self._take_stability)
-            return self._no_stability
-        unstable = place_of(pressure_kpa, elongation_mm) in self._unstable
-        return "\u25b2 in equilibrium, but not stable" if unstable else ""
-
-    def _take_stability(self, job: Job) -> None:
-        if job is not self._stability_job:
-            return
-        if job.state is JobState.DONE:
-            self._unstable = job.result
-        else:
-            self._no_stability = f"\u25b2 stability not tested: {job.failure.cause if job.failure else 'cancelled'}"
-
     def _elements(self, state: ShadowState) -> tuple[FloatArray, NDArray[np.int64]]:
         """Return the elements of both halves with their colour steps."""
         assert self.model is not None
@@ -275,7 +223,7 @@ class ShadowLive:
         place, lines = self._place(now), list(_measured_lines(now, self._live.units))
         if self.model is None:
             waits = "preparing \u2026" if math.isfinite(now.pressure) else NOTHING
-            return (*lines, ("Shadow", self.problem or waits, ""))
+            return (*lines, ("Shadow", waits, ""))
         if place is None:
             text = f"\u25b2 not drawn: outside the reduced model ({self.model.table.rectangle})"
             return (*lines, ("Shadow", text.replace("-", MINUS), "warning"))
@@ -288,12 +236,21 @@ class ShadowLive:
             level, mark = ("ok", "\u25cf inside the band") if inside else ("warning", "\u25b2 outside the band")
             lines.append(("Deviation", in_units(self._live.units, "mm", deviation, 2, band=band), level))
             lines.append(("", mark, level))
-        stability = self._stability(*place, place[1] - nominal)
-        if stability:
-            lines.append(("Stability", stability, "warning"))
+        if can_be_unstable(place[0], place[1] - nominal) and place_of(*place) in self._unstable:
+            lines.append(("Stability", "\u25b2 in equilibrium, but not stable", "warning"))
         if now.disagree:
             lines.append(("Sensors", "\u25b2 contradict each other", "warning"))
         return tuple(lines)
+
+
+def _load() -> tuple[Shadow, frozenset[Place]]:
+    """Load the model and its unstable held states, and compute one frame, which loads the machine code."""
+    from analysis.shadow.model.frames import Shadow
+    from analysis.shadow.model.table import default_unstable
+
+    shadow = Shadow()
+    shadow.state(pressure_kpa=20.0, elongation_mm=1.0)
+    return shadow, default_unstable()
 
 
 def _step(value: float, step: float) -> int | None:

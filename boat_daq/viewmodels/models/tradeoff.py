@@ -33,10 +33,9 @@ METHOD_NAMES = {
     "calibration": "Job: calibration",
     "report": "Job: report",
     "sweep": "Job: the paper's sweep",
-    "shadow": "Job: digital shadow",
 }
 """Every method that can be measured, by its name in the command; a test compares it with the command's list."""
-JOB_NAMES = ("calibration", "report", "sweep", "shadow")
+JOB_NAMES = ("calibration", "report", "sweep")
 """Methods that are whole jobs, from the input to the result."""
 _JOB = "tradeoff"
 RESULT_MAX_BYTES = 4_000_000  # a hundred times the largest

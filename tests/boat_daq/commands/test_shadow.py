@@ -10,12 +10,9 @@ import pytest
 from matplotlib.figure import Figure
 from typer.testing import CliRunner
 
-from analysis.fidelity import fidelity
 from analysis.optics.scene.curves import default_curves, elongations
-from analysis.shadow.fem.parameters import ActuatorParameters
-from analysis.shadow.model.reduced import ReducedModel, TableSettings
+from analysis.shadow.model.full import MESH_ERROR_MM, MESH_ERROR_PERCENT
 from analysis.shadow.model.states import GuideStates
-from analysis.shadow.model.table import table_digest, write_table
 from boat_daq.cli import app
 from boat_daq.commands.shadow import save_figure
 from protocol.base.errors import BoatDaqError, StorageError
@@ -23,11 +20,9 @@ from tests.boat_daq.commands.calls import call, exit_code, program, refusal
 
 
 @pytest.fixture
-def cache(tmp_path: Path, table: ReducedModel, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A cache of this test's own that holds the default table."""
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cache of this test's own."""
     monkeypatch.setattr("platformdirs.user_cache_path", lambda name: tmp_path / name)
-    name = table_digest(ActuatorParameters(), TableSettings())
-    write_table(table, tmp_path / "boat-daq" / "shadow" / f"{name}.npz")
 
 
 @pytest.fixture
@@ -52,14 +47,14 @@ def test_solve_keeps_its_contract(model: str) -> None:
     assert 0.0 < found["lowest_eigenvalue"] < 0.2
 
 
-def test_the_error_by_the_mesh_is_that_of_the_precision(coarse: list[str], tmp_path: Path) -> None:
+def test_the_error_by_the_mesh_is_the_measured_one(coarse: list[str], tmp_path: Path) -> None:
     """As measured on the default actuator; of another one a share of the elongation, and none on another mesh."""
     other = tmp_path / "other.toml"
     other.write_text("wall_mm = 2.4\n")
     solved = call("shadow", "solve", "--pressure", "20", "--parameters", str(other))
-    assert solved["error_mm"] == pytest.approx(fidelity("normal").mesh_error_percent / 100 * solved["elongation_mm"])
-    found = call("shadow", "solve", "--pressure", "20", "--fidelity", "draft")
-    assert found["error_mm"] == fidelity("draft").mesh_error_mm
+    assert solved["error_mm"] == pytest.approx(MESH_ERROR_PERCENT / 100 * solved["elongation_mm"])
+    found = call("shadow", "solve", "--pressure", "20")
+    assert found["error_mm"] == MESH_ERROR_MM
     assert call("shadow", "solve", "--pressure", "20", *coarse)["error_mm"] is None
 
 

@@ -8,8 +8,20 @@ import numpy as np
 import pytest
 
 from analysis.shadow.fem.parameters import ActuatorParameters
+from analysis.shadow.model.frames import Shadow
+from analysis.shadow.model.full import FullModel
+from analysis.shadow.model.held import unstable_places
 from analysis.shadow.model.reduced import TableSettings
-from analysis.shadow.model.table import build_table, load_table, read_table, table_digest, write_table
+from analysis.shadow.model.table import (
+    DEFAULT_TABLE,
+    build_table,
+    default_unstable,
+    load_arrays,
+    load_table,
+    read_table,
+    table_digest,
+    write_table,
+)
 
 SMALL = TableSettings(pressures=3, elongations=3, modes=4, held_out=4)
 
@@ -56,3 +68,15 @@ def test_building_can_be_cancelled(short: ActuatorParameters) -> None:
 
     with pytest.raises(KeyboardInterrupt):
         build_table(short, SMALL, stop)
+
+
+def test_the_program_s_table_is_that_of_the_default_actuator() -> None:
+    """Named by the present parameters; a full solution and the stability at one pressure are those of it."""
+    kept = load_arrays(DEFAULT_TABLE, ("digest",))
+    assert kept is not None
+    assert str(kept["digest"]) == table_digest(ActuatorParameters(), TableSettings())
+    table, model = load_table(), FullModel()
+    solved = model.solver.solve(pressure_kpa=-30.0, elongation_mm=-1.5)
+    away = table.tracked(np.array([-30.0]), np.array([-1.5]))[0] - model.tracked(solved)
+    assert np.abs(away).max() < table.error_bound_mm
+    assert unstable_places(Shadow(table=table), [-42]) == {place for place in default_unstable() if place[0] == -42}

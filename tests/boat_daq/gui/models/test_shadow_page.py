@@ -50,18 +50,15 @@ def test_alarm_row_has_cause_time_and_probability(page):
     assert page.cycles.alarms.x.tolist() == [12.0]
 
 
-def test_nominal_curve_is_drawn_again_with_another_table(page, app_model):  # noqa: F811 - the fixture above
-    """It stayed that of the first table; a table that cannot be built is named beside it."""
+def test_nominal_curve_is_drawn_with_its_band(page, app_model):  # noqa: F811 - the fixture above
+    """Once the model is loaded, with the error of its table."""
     shadow, pressure = app_model.shadow, np.linspace(-40.0, 50.0, 5)
-    for slope in (0.07, 0.08):
-        shadow.model = SimpleNamespace(table=SimpleNamespace(errors_mm=np.array([slope / 1e3])))
-        shadow.nominal_curve = lambda k=slope: (pressure, k * pressure, k * pressure - 1.0, k * pressure + 1.0)
-        page.nominal.show_model(shadow)
-        assert page.nominal.nominal.y[-1] == pytest.approx(50.0 * slope)
-        assert page.nominal.band.y[-1] == pytest.approx(50.0 * slope + 1.0)
-    shadow.problem = "the disk is full. Free some space."
+    assert page.nominal.readout.text() == "preparing the shadow \u2026"
+    shadow.model = SimpleNamespace(table=SimpleNamespace(errors_mm=np.array([8e-5])))
+    shadow.nominal_curve = lambda: (pressure, 0.08 * pressure, 0.08 * pressure - 1.0, 0.08 * pressure + 1.0)
     page.nominal.show_model(shadow)
-    assert page.nominal.readout.text().startswith(f"\u25b2 {shadow.problem}")
+    assert page.nominal.nominal.y[-1] == pytest.approx(4.0)
+    assert page.nominal.band.y[-1] == pytest.approx(5.0)
     assert page.nominal.readout.text().endswith("numerical error 0.08 \u00b5m")
     shadow.model = None  # it draws no actuator
 

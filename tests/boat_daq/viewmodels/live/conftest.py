@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from boat_daq.workflows.shadow_jobs import shadow_of
+from analysis.shadow.model.frames import Shadow
 from tests.boat_daq.gui.recorded_session import filled_ring
 
 
@@ -16,5 +16,5 @@ def ring():
 
 @pytest.fixture(scope="session")
 def model():
-    """The shadow at normal fidelity."""
-    return shadow_of()
+    """The shadow."""
+    return Shadow()

@@ -7,14 +7,13 @@ from copy import copy
 import numpy as np
 import pytest
 
+from analysis.shadow.model.table import default_unstable
 from boat_daq.formatting import number
-from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.live import shadow_live
 from boat_daq.viewmodels.live.live_model import LiveModel
-from boat_daq.viewmodels.live.shadow_live import CANCELLED, COLOUR_LEVELS, Moment, ShadowLive
-from boat_daq.workflows.jobs import JobFailure, JobRunner, JobState
+from boat_daq.viewmodels.live.shadow_live import COLOUR_LEVELS, Moment, ShadowLive
+from boat_daq.workflows.jobs import JobRunner
 from boat_daq.workflows.live_conversion import LiveElongation
-from boat_daq.workflows.shadow_jobs import unstable_held_states, unstable_places
 from protocol.simulator.plant import Body
 from protocol.simulator.specimens import find_specimen
 from tests.boat_daq.gui.recorded_session import connected, filled_ring
@@ -28,7 +27,7 @@ def ring():
 
 
 def pane_on(ring, model, inverse):
-    pane = ShadowLive(LiveModel(lambda: ring, inverse=inverse), JobRunner(), Notices())
+    pane = ShadowLive(LiveModel(lambda: ring, inverse=inverse), JobRunner())
     pane.model = model
     return pane
 
@@ -89,107 +88,37 @@ def test_nan_from_the_calibration_is_reported(ring, model):
     assert np.isnan(picture.measured_mm)
 
 
-@pytest.fixture(scope="module")
-def unstable(model):
-    """What a helper would find at -42 kPa."""
-    return unstable_places(model, [-42])
-
-
-class Helper:
-    """A job that ends when the test ends it."""
-
-    def __init__(self, label, function, *args):
-        self.call = (function, *args)
-        self.state, self.result, self.failure = JobState.RUNNING, None, None
-
-    def end(self, state, result=None, failure=None):
-        self.state, self.result, self.failure = state, result, failure
-
-
-def held(ring, model, monkeypatch, elongation, pressure=-42.0):
-    """A pane at a held state, and what it gives to a helper."""
-    started = []
-    monkeypatch.setattr(shadow_live, "Job", Helper)
-    pane = pane_on(ring, model, None)
-    pane._jobs.start = lambda name, job, then: started.append((job, then))
-    pane.now = lambda: Moment(pressure, elongation, 0.3, True)
-    return pane, started
-
-
 def lines_of(pane):
     """The names and texts under the picture."""
     return {name: words for name, words, _ in pane.lines()}
 
 
-@pytest.mark.parametrize(("elongation", "warned"), [(2.5, True), (-1.7, False)])
-def test_unstable_held_state_is_reported(ring, model, unstable, monkeypatch, elongation, warned):
-    """At -42 kPa an elongated tip would buckle if it could, a shortened one would not (the full model's tangents)."""
-    pane, started = held(ring, model, monkeypatch, elongation)
-    assert "Stability" not in lines_of(pane)  # nothing is reported before it is known
-    ((job, then),) = started
-    assert job.call == (unstable_held_states, "normal")
-    job.end(JobState.DONE, unstable)
-    then(job)
-    assert ("Stability" in lines_of(pane)) is warned
-    assert len(started) == 1
-
-
-@pytest.mark.parametrize(("pressure", "elongation"), [(-19.9, 3.0), (-42.0, -2.8)])
-def test_state_that_cannot_be_unstable_starts_no_job(ring, model, monkeypatch, pressure, elongation):
-    """Little vacuum, or a tip where the pressure alone would bring it: no job is started."""
-    pane, started = held(ring, model, monkeypatch, elongation, pressure)
-    assert pane.lines()
-    assert started == []
-
-
 @pytest.mark.parametrize(
-    ("state", "failure", "words"),
-    [
-        (JobState.FAILED, JobFailure("out of memory", "", ""), "\u25b2 stability not tested: out of memory"),
-        (JobState.CANCELLED, None, "\u25b2 stability not tested: cancelled"),
-    ],
+    ("pressure", "elongation", "warned"), [(-42.0, 2.5, True), (-42.0, -1.7, False), (-19.9, 3.0, False)]
 )
-def test_failed_stability_job_is_reported(ring, model, monkeypatch, state, failure, words):
-    """Unknown is not stable; it is not requested again in every frame."""
-    pane, started = held(ring, model, monkeypatch, 2.5)
-    pane.lines()
-    ((job, then),) = started
-    job.end(state, failure=failure)
-    then(job)
-    assert lines_of(pane)["Stability"] == words
-    assert len(started) == 1
+def test_unstable_held_state_is_reported(ring, model, pressure, elongation, warned):
+    """At -42 kPa an elongated tip would buckle if it could, a shortened one would not; with little vacuum, none."""
+    pane = pane_on(ring, model, None)
+    pane.now = lambda: Moment(pressure, elongation, 0.3, True)
+    pane._unstable = default_unstable()
+    assert ("Stability" in lines_of(pane)) is warned
 
 
-def test_failed_preparation_has_its_remedy_and_leaves_the_table_in_use(ring, model, monkeypatch):
-    """The remedy was dropped, and stability was tested with a table that does not exist."""
-    pane, started = held(ring, model, monkeypatch, 2.5)
-    pane.set_fidelity("reference")
+def test_model_is_loaded_once_it_is_wanted_and_nothing_compiles(ring, monkeypatch):
+    """A job that compiles is not joined by a thread that compiles the same: it would hold the interpreter."""
+    pane, loaded = pane_on(ring, None, None), []
+    running = {"compiled code": object()}
+    monkeypatch.setattr(pane._jobs, "get", running.get)
+    monkeypatch.setattr(pane._loading, "call", loaded.append)
+    pane.poll()
     pane.prepare()
-    ((job, then),) = started
-    job.end(JobState.FAILED, failure=JobFailure("the disk is full", "Free some space.", ""))
-    then(job)
-    assert pane.problem == "the disk is full. Free some space."
-    notice = pane._notices.current()
-    assert (notice.cause, notice.remedy) == ("the disk is full", "Free some space.")
-    pane.lines()
-    assert started[-1][0].call == (unstable_held_states, "normal")
-
-
-def test_cancelled_preparation_is_said_and_begins_again_when_asked(ring, model, monkeypatch):
-    """The pane said "preparing" for good."""
-    pane, started = held(ring, model, monkeypatch, 2.5)
-    pane.model = None
-    pane.prepare()
-    ((job, then),) = started
-    job.end(JobState.CANCELLED)
-    then(job)
-    pane.prepare()
-    assert lines_of(pane)["Shadow"] == CANCELLED
-    assert len(started) == 1
-    pane.try_again()
-    pane.prepare()
+    pane.poll()
     assert lines_of(pane)["Shadow"] == "preparing \u2026"
-    assert len(started) == 2
+    assert loaded == []
+    running.clear()
+    pane.poll()
+    pane.poll()
+    assert loaded == [shadow_live._load]
 
 
 def test_picture_is_drawn_again_with_another_table(ring, model):

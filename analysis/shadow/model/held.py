@@ -1,18 +1,16 @@
-"""Jobs of the shadow: build its table and compiled code, and find its unstable held states.
+"""States held by pressure and elongation whose equilibrium is not stable, off the nominal curve.
 
-The libraries are imported inside the functions: the window imports this module, and loads or looks up the results.
+A test takes 30 ms and there are some hundred places: those of the default actuator come with its table.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-
-from analysis.fidelity import fidelity
 
 if TYPE_CHECKING:
     from analysis.shadow.model.frames import Shadow
@@ -33,41 +31,6 @@ def can_be_unstable(pressure_kpa: float, deviation_mm: float) -> bool:
     return pressure_kpa <= HELD_BELOW_KPA and abs(deviation_mm) >= HELD_OFF_MM
 
 
-def shadow_of(
-    level: str = "normal",
-    *,
-    progress: Callable[[float, float], None] | None = None,
-) -> Shadow:
-    """Return the shadow at a level of precision; table and compiled code are loaded from the cache, or built."""
-    from analysis.shadow.model.frames import Shadow, actuator, table_settings
-    from analysis.shadow.model.table import load_table
-
-    chosen = fidelity(level)
-    parameters = actuator(chosen)
-    shadow = Shadow(parameters, load_table(parameters, table_settings(chosen), progress=progress))
-    shadow.state(pressure_kpa=20.0, elongation_mm=1.0)  # compiled now, not in the first frame
-    return shadow
-
-
-def warm(
-    level: str = "normal",
-    *,
-    progress: Callable[[float, float], None] | None = None,
-) -> None:
-    """Build table and compiled code, or load them from the cache; parameters as `shadow_of`."""
-    shadow_of(level, progress=progress)
-
-
-def unstable_held_states(level: str = "normal") -> frozenset[Place]:
-    """Return the places of the table under vacuum whose equilibrium is not stable, off the nominal curve.
-
-    30 ms a place and some hundred places: too much for the window's interpreter, even on another thread.
-    """
-    shadow = shadow_of(level)
-    lowest = math.floor(float(shadow.table.pressure_range_kpa[0]) / HELD_KPA)
-    return unstable_places(shadow, range(lowest, math.floor(HELD_BELOW_KPA / HELD_KPA) + 1))
-
-
 def unstable_places(shadow: Shadow, steps: Iterable[int]) -> frozenset[Place]:
     """Return the unstable places at these steps of pressure."""
     table, found = shadow.table, set()
@@ -84,3 +47,9 @@ def unstable_places(shadow: Shadow, steps: Iterable[int]) -> frozenset[Place]:
             if shadow.model.stability.unstable_mode(solution) is not None:
                 found.add((step, place))
     return frozenset(found)
+
+
+def vacuum_steps(shadow: Shadow) -> range:
+    """Return the steps of pressure at which a held state can be unstable."""
+    lowest = math.floor(float(shadow.table.pressure_range_kpa[0]) / HELD_KPA)
+    return range(lowest, math.floor(HELD_BELOW_KPA / HELD_KPA) + 1)

@@ -122,3 +122,4 @@ _LEVEL = typer.Option(
 )
 FidelityOption = Annotated[LevelName, _LEVEL]
 OptionalFidelity = Annotated[LevelName | None, _LEVEL]
+UnusedFidelity = Annotated[LevelName | None, typer.Option("--fidelity", callback=one_of(*LEVELS), hidden=True)]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, load, notify, present, progress_bar, show, show_table
-from boat_daq.commands.options import PlotOption, RunArgument, one_of
+from boat_daq.commands.options import PlotOption, RunArgument, UnusedFidelity, one_of
 from boat_daq.commands.shadow_model import (
     MeshOption,
     ParametersOption,
@@ -21,6 +21,7 @@ from boat_daq.commands.shadow_model import (
     chosen_parameters,
     chosen_shadow,
     chosen_table,
+    note_unused,
     solved_state,
 )
 from protocol.base.errors import writing
@@ -61,6 +62,7 @@ def solve(
     parameters: ParametersOption = None,
     mesh: MeshOption = None,
     plot: PlotOption = None,
+    fidelity: UnusedFidelity = None,
     as_json: JsonOption = False,
 ) -> None:
     """Solve the state at a pressure, an elongation, or both.
@@ -75,6 +77,7 @@ def solve(
         raise typer.BadParameter("give --pressure, --elongation, or both", param_hint="--pressure")
     if mesh is not None and (model == "reduced" or plot is not None):
         raise typer.BadParameter("goes with --model full and without --plot", param_hint="--mesh")
+    note_unused(fidelity)
     load("analysis.shadow.model.assessment")
     from analysis.shadow.model.assessment import assess
 
@@ -156,6 +159,7 @@ def _plot_state(solution: Solution, parameters: Path | None, path: Path) -> None
 def table(
     parameters: ParametersOption = None,
     plot: Annotated[Path | None, typer.Option(help="Plot error against the number of shapes into this file.")] = None,
+    fidelity: UnusedFidelity = None,
     as_json: JsonOption = False,
 ) -> None:
     """Show range, error and speed of the reduced model.
@@ -164,6 +168,7 @@ def table(
 
     Example: boat-daq shadow table --plot errors.png
     """
+    note_unused(fidelity)
     from analysis.shadow.model.drawing import table_errors_figure
     from analysis.shadow.model.reduced import TableSettings
     from analysis.shadow.model.table import load_table

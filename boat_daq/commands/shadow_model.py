@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from boat_daq.commands.console import progress_bar
+from boat_daq.commands.console import notify, progress_bar
 
 if TYPE_CHECKING:
+    from analysis.fidelity import Level
     from analysis.shadow.fem.parameters import ActuatorParameters
     from analysis.shadow.fem.solver import Solution
     from analysis.shadow.model.frames import Shadow
@@ -21,6 +22,12 @@ if TYPE_CHECKING:
 
 ParametersOption = Annotated[Path | None, typer.Option("--parameters", help="TOML file of actuator parameters.")]
 MeshOption = Annotated[Path | None, typer.Option("--mesh", help="A .vtu or .msh mesh in place of the parametric one.")]
+
+
+def note_unused(fidelity: Level | None) -> None:
+    """Report that a precision changes nothing."""
+    if fidelity is not None:
+        notify("not used here: --fidelity; mesh and table are the same at each")
 
 
 def chosen_parameters(path: Path | None) -> ActuatorParameters:

@@ -65,7 +65,6 @@ END_AT = {  # label and explanation of the uncertainty at which a run ends, by i
     ),
     "": ("Stop at U \u2264", "A plan of segments runs all its cycles"),
 }
-UNLIMITED = (1 << 24) - 1  # Qt's QWIDGETSIZE_MAX, which PySide6 does not name
 START_OVER = ("Start over", "Arm the whole plan from its first cycle, in a new recording")
 
 
@@ -163,7 +162,7 @@ class SequencePanel(QFrame):
         if not self._low:
             least += self.picture.minimumHeight() + self.inside.spacing()
         self.setMinimumHeight(least)
-        self.setMaximumHeight(least if self._low else UNLIMITED)
+        self.setMaximumHeight(least if self._low else style.UNLIMITED)
 
     def _show_progress(self, snapshot: SessionSnapshot) -> None:
         """Show as many parts of the progress as fit; without a run the estimate of the plan."""

@@ -22,7 +22,7 @@ ALARM_SIZE, ALARM_LINES = 16, 4
 _MARGIN = 0.1  # of the span of a figure, for the marks at its ends
 ALARM_HEADINGS = ("What", "Since", "Found", "False alarm once in", "Seen in")
 
-NO_CYCLES = "Each cycle of a plan is shown here as a point, once the unit has an accepted calibration."
+NO_CYCLES = "Each cycle of the run is shown here as a point; the unit needs an accepted calibration."
 _CYCLES = "One figure of each cycle of the run; a drift shows a change of the actuator."
 NOMINAL = "Model: healthy actuators of this design (band: 95 %, with hysteresis); measured: this unit, last minute"
 

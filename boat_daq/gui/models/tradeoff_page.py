@@ -45,6 +45,7 @@ _KEY = "● a method   ■ a whole job   lower: more exact   further left: faste
 _NUMBERS = {name: number for number, name in enumerate(METHOD_NAMES, 1)}
 _LEAST_SHARE = 0.05
 """Smaller errors are drawn here, so that the others are apart."""
+_SIDE_WIDTH = style.PANE_WIDTH_NARROW + 4 * style.STEP
 MARGIN_DECADES = 0.25
 LEAST_DECADES = 1.0  # so that timing noise looks small
 LABEL_SHARE = 0.01  # of the width, where a text about a line begins: at the left, where points are few
@@ -163,7 +164,10 @@ class TradeoffPage(ReflowingPage):
         defaults, _ = controls.card((self.defaults, 1))
         self.tall = (self.overview, defaults)
         shown = Shares("overview", services.preferences, (self.overview, 5), (defaults, 6))
-        controls.page_layout(self).addLayout(controls.row(self._side(), (shown, 1)))
+        self.side = self._side()
+        across = controls.row(self.side, (shown, 1))
+        self.rows = (across,)
+        controls.page_layout(self).addLayout(across)
 
     def _side(self) -> QWidget:
         levels = [(PRECISIONS[n], n) for n in LEVELS]
@@ -177,8 +181,13 @@ class TradeoffPage(ReflowingPage):
         measurement = (self.start, self.progress, self.status, self.measured)
         parts: tuple[Any, ...] = (controls.label("Precision", "subtitle"), self.level, style.GAP)
         frame, _ = controls.card(*parts, controls.label("Measurement", "subtitle"), *measurement, None)
-        frame.setFixedWidth(style.PANE_WIDTH_NARROW + 4 * style.STEP)
+        frame.setMaximumWidth(_SIDE_WIDTH)
         return frame
+
+    def reflow(self) -> None:
+        """Put the settings above the table on a narrow page."""
+        super().reflow()
+        self.side.setMaximumWidth(style.UNLIMITED if self.narrow else _SIDE_WIDTH)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the progress of the measurement; the rest where it has changed."""

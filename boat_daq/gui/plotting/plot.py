@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QBrush, QColor, QPainterPath, QPen, QTransform
+from PySide6.QtGui import QBrush, QColor, QGuiApplication, QPainterPath, QPen, QTransform
 from PySide6.QtWidgets import QGraphicsItem, QGraphicsPathItem
 
 from boat_daq.gui import style
@@ -32,6 +32,12 @@ FILLED_POINTS = 64  # points of a surface of a band
 COSMETIC = 0.0  # a pen of this width is one pixel at any zoom and adds nothing to the bounds
 
 pg.setConfigOptions(antialias=False, useOpenGL=False, segmentedLineMode="off")
+
+
+def dash_width() -> float:
+    """Return the width of a dashed line: at twice the pixels one of a single pixel is hardly seen."""
+    ratio = QGuiApplication.primaryScreen().devicePixelRatio()
+    return ratio if ratio > 1.0 else COSMETIC
 
 
 def sensor_colour(number: int) -> ThemeColour:
@@ -95,7 +101,9 @@ class PathItem(QGraphicsPathItem):
         """Set colour and style of a line."""
         for line in (self, self._end):
             if line is not None:
-                line.setPen(QPen(QColor(colour), COSMETIC, pen_style))
+                pen = QPen(QColor(colour), COSMETIC if pen_style is Qt.PenStyle.SolidLine else dash_width(), pen_style)
+                pen.setCosmetic(True)
+                line.setPen(pen)
 
     def set_fill_colour(self, colour: QColor) -> None:
         """Set the colour of a surface, without an outline."""
@@ -564,7 +572,7 @@ class Plot:
         for labels in self._labels:
             labels.paint(theme)
         for item, colour, pen_style in self._lines:
-            item.setPen(pg.mkPen(colour(theme), width=1, style=pen_style))
+            item.setPen(pg.mkPen(colour(theme), width=max(dash_width(), 1.0), style=pen_style))
             if getattr(item, "movable", False):
                 item.setHoverPen(pg.mkPen(colour(theme), width=2, style=pen_style))
             if hasattr(item, "label"):

@@ -407,6 +407,7 @@ class CalibrationPage(QWidget):
         self.verdict.setText(verdict)
         controls.set_state(self.verdict, state)
         self.detail.setText(self.model.detail())
+        controls.set_state(self.detail, self.model.limits_state())
         self.detail.setVisible(bool(self.detail.text()))
         self.headline.setText(self.model.headline())
         self._show_acceptance()

@@ -25,6 +25,7 @@ from boat_daq.formatting import count, duration, number
 from boat_daq.viewmodels.common.notices import Severity, sentence
 from boat_daq.viewmodels.common.services import Change, Services
 from boat_daq.viewmodels.results.calibration_texts import (
+    VERDICT_LOOKS,
     Cells,
     coefficient_row,
     curve_row,
@@ -406,6 +407,12 @@ class CalibrationModel:
             use = "the simulated unit, used on virtual boards" if self.result.simulated else "the unit and used live"
             return f"Stored with {use}. {limits}".strip()
         return limits
+
+    def limits_state(self) -> str:
+        """Return how the detail is shown: limits that are not kept are no detail."""
+        found = self.result.verdict if self.result is not None and not self.working else None
+        state = VERDICT_LOOKS[found.limits_state][0] if found is not None and self.detail() else ""
+        return "" if state == "ok" else state
 
     def _sampler(self) -> list[Mapping[str, Any]]:
         return [bands.sampler for bands in self.posterior]

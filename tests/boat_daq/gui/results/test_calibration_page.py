@@ -129,7 +129,11 @@ def test_verdict_is_the_headline_and_a_reading_to_check_blocks_acceptance(live):
     model.show(run_result())
     live.refresh()
     assert page.verdict.text() == "\u25cf U = 0.13 mm (k = 2) from \u22122.7 to 3.8 mm"
-    assert page.detail.text() == "All 8 published limits are kept."
+    assert (page.detail.text(), page.detail.property("state")) == ("All 8 published limits are kept.", "")
+    missed = dataclasses.replace(run_result().verdict, limits_text="5.05 % FSO, conditional fail", limits_state="check")
+    model.show(dataclasses.replace(run_result(), verdict=missed))
+    live.refresh()
+    assert page.detail.property("state") == "warning"  # under a green headline it was said in passing
     known = Verdict(VerdictCode.USABLE, VerdictState.OK, u_mm=0.13, range_mm=(-2.7, 3.8))
     model.show(dataclasses.replace(run_result(), verdict=RunVerdict("usable", "ok", known.headline)))
     live.model.unit_choice.choose(ShownUnits.of("in"))

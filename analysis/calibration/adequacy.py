@@ -226,8 +226,9 @@ def _averaged(chosen: JointFit, candidates: Sequence[Candidate]) -> tuple[tuple[
 def lack_of_fit_p(chosen: JointFit, richer: JointFit) -> float:
     """Return the p-value of the lack of fit; NaN if nothing is left to test by.
 
-    The position means are tested by their scatter and reading, together and by the gain of a `richer` curve: twice the
-    lesser p (Bonferroni). If hardly one was read twice, or the loop has another shape: the gain against what is left.
+    The position means are tested by their scatter and reading, together and by the gain of a `richer` curve: the lesser
+    of two p (Sidak; twice it would be 1 for many sound runs). If hardly one was read twice, or the loop has another
+    shape: the gain against what is left.
     """
     if chosen.dof < 1:
         return float("nan")
@@ -239,7 +240,7 @@ def lack_of_fit_p(chosen: JointFit, richer: JointFit) -> float:
         if gained < 1 or not means.independent:
             return whole
         gain = float((chosen.residuals**2 - richer.residuals**2) @ (1.0 / chosen.known_variance))
-        return min(1.0, 2.0 * min(whole, _chance(gain / gained, gained, means.dof)))
+        return 1.0 - (1.0 - min(whole, _chance(gain / gained, gained, means.dof))) ** 2
     weights = 1.0 / richer.variance if known else np.ones_like(richer.residuals)
     before, left = (float(weights @ fit.residuals**2) for fit in (chosen, richer))
     if gained < 1 or richer.dof < 1 or not left > 0:

@@ -12,6 +12,7 @@ from analysis.calibration.adequacy import Adequacy, CurveVerdict, expanded, judg
 from analysis.calibration.fit import Calibration
 from analysis.calibration.inverse import Inverse
 from analysis.calibration.joint_fit import PolynomialBasis, PositionMeans, joint_fit
+from analysis.figures.warnings import OVERSTATED
 from protocol.base.errors import DataError
 from tests.analysis.calibration.sessions import CUBIC, GRIDS, TRUTHS, Session, session, sessions
 
@@ -54,6 +55,13 @@ def test_the_right_cubic_is_adequate() -> None:
     ]
     assert verdicts.count(CurveVerdict.INADEQUATE) == 0
     assert verdicts.count(CurveVerdict.ADEQUATE) >= 38
+
+
+def test_p_of_the_right_cubic_is_uniform() -> None:
+    """60 sound sessions on three grids: Kolmogorov-Smirnov, and none so near 1 that readings are called too good."""
+    found = [verdict_on(fit).p_value for grid in GRIDS for _, fit in fitted("cubic", grid)]
+    assert max(found) < OVERSTATED
+    assert stats.kstest(found, "uniform").pvalue > 0.01
 
 
 @pytest.mark.parametrize("name", ["quintic", "dead zone", "sigmoid", "cubic + T5"])

@@ -260,7 +260,7 @@ def _first_misfit(rows: pd.DataFrame, plateaus: list[Plateau], near: float) -> s
 def _by_branch(
     frame: pd.DataFrame, plateaus: tuple[Plateau, ...], near: float, name: str
 ) -> tuple[FloatArray, dict[int, str]]:
-    values, confirmed = np.full(len(plateaus), np.nan), {}
+    values, confirmed, last = np.full(len(plateaus), np.nan), {}, max(p.cycle for p in plateaus)
     columns = [frame[c].tolist() for c in ("cycle", "branch", "pressure_kpa", "elongation_mm", "confirmed")]
     for at, (cycle, branch, pressure, elongation, reason) in enumerate(zip(*columns, strict=True), 1):
         close = [i for i, p in enumerate(plateaus) if abs(p.pressure_kpa - pressure) <= near]
@@ -268,6 +268,8 @@ def _by_branch(
         hits = [i for i in own if plateaus[i].branch == branch] or [i for i in own if plateaus[i].branch == "start"]
         # the extreme that ends a branch also opens the next: a row may name it from either side
         hits = hits or [i for i in close if abs(plateaus[i].cycle - cycle) <= 1 and _is_extreme(i, plateaus)]
+        if not hits and cycle > last and any(not plateaus[i].branch for i in close):
+            continue  # of a cycle that was not completed, which counts nothing
         if not hits:
             raise DataError(
                 f"{name} does not fit the plateaus: row {at} (cycle {cycle:g}, {branch}, {pressure:g} kPa) has none",

@@ -138,3 +138,24 @@ def test_elongations_by_cycle_and_branch_match_those_by_order(tmp_path: Path) ->
     assert a is not None
     assert b is not None
     np.testing.assert_array_equal(a.coefficients, b.coefficients)
+
+
+def test_readings_of_a_cycle_that_broke_off_are_left_out_as_it_is(tmp_path: Path) -> None:
+    """A run that ends in its third cycle, read to its end: the calibration is that of the two complete ones."""
+    stairs = Staircase(Plant(loop_mm=LOOP), cycles=3)
+    run, path, levels = stairs.recording(), tmp_path / "named.csv", stairs.levels()
+    held = len(levels) - 12
+    frame = stairs.elongations()[:held].assign(cycle=[k for _, _, k in levels][:held])
+    frame["branch"] = ["loading" if up else "unloading" for _, up, _ in levels][:held]
+    end = stairs.trace()[3][held - 1][1]
+    broken = Recording.from_arrays(run.time_s[:end], run.pressure_kpa[:end], run.signal_mv[:end])
+    found = []
+    for rows in (frame, frame[frame["cycle"] < 3]):
+        rows.to_csv(path, index=False)
+        analysis = analyse(broken, path, options=QUICK)
+        assert analysis.sensors[0].calibration is not None
+        found.append(analysis.sensors[0].calibration.coefficients)
+    np.testing.assert_array_equal(*found)
+    frame.assign(pressure_kpa=frame["pressure_kpa"].where(frame.index < held - 1, 25.0)).to_csv(path, index=False)
+    with pytest.raises(BoatDaqError, match="has none"):
+        analyse(broken, path, options=QUICK)

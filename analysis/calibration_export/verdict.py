@@ -248,7 +248,9 @@ def _largest_u(analysis: Analysis) -> tuple[float, tuple[float, float], str, str
     nothing = (math.nan, math.nan)
     if not fits:
         return math.nan, nothing, "", ""
-    range_mm = max(fit.x_range[0] for fit in fits), min(fit.x_range[1] for fit in fits)
+    with_u = zip(analysis.sensors, analysis.u_elongation, strict=True)  # a lost sensor ends no range
+    of_u = [sensor.calibration for sensor, u in with_u if sensor.calibration is not None and u.size] or fits
+    range_mm = max(fit.x_range[0] for fit in of_u), min(fit.x_range[1] for fit in of_u)
     try:
         fusion = elongation_reader(analysis)
     except BoatDaqError as error:

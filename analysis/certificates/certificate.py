@@ -337,7 +337,7 @@ def _item(
         if any(
             one.calibration is not None and signal_parts(analysis, i).void for i, one in enumerate(analysis.sensors)
         ):
-            raise DataError(cause, "Run three cycles or more, and read both branches.")
+            raise DataError(cause, "Run two cycles or more, and read both branches.")
         raise DataError(cause, "Calibrate the unit, or choose another curve.")
     begun, ended = (str(recording.meta.get(key) or "")[:10] for key in ("started_utc", "ended_utc"))
     if recording.meta.get("imported_from") is not None:

@@ -164,7 +164,7 @@ def test_no_certificate_without_u(runs: dict[str, Analysis], name: str) -> None:
     request = Request(Laboratory("Lab"), "C", ("SA1",))
     with pytest.raises(DataError, match="its U is not known") as caught:
         certificate_of([runs[name]], request)
-    assert "three cycles" in caught.value.remedy
+    assert "two cycles" in caught.value.remedy
     assert CASES[name] in caught.value.cause
 
 
@@ -177,11 +177,18 @@ def test_a_certificate_has_no_results_of_the_sensor_without_u(runs: dict[str, An
     assert frozen.void.startswith("its U is not known: ")
 
 
-def test_no_verdict_is_green_by_what_was_not_measured(runs: dict[str, Analysis]) -> None:
-    """A lost sensor, and a staircase up only whose loop no limit can be compared with, with or without readings."""
+def test_no_verdict_is_green_by_what_was_not_measured(runs: dict[str, Analysis], tmp_path: Path) -> None:
+    """A lost sensor, whose range counts no more, and a staircase up only whose loop no limit can be compared with."""
     lost = verdict_of(runs["frozen half-way"])
     assert (lost.state, lost.doubts) == ("check", ("without sensor 2",))
     assert "; without sensor 2" in str(lost.headline)
+    stairs = Staircase(Plant(loop_mm=0.25), cycles=2)
+    stairs.elongations().to_csv(tmp_path / "e.csv", index=False)
+    full = stairs.recording()
+    clipped = Recording.from_arrays(full.time_s, full.pressure_kpa, np.minimum(full.signal_mv, [9e9, 1660.0]))
+    seen = verdict_of(analyse(clipped, tmp_path / "e.csv", options=Options(mcmc=False, x_resolution_mm=0.0)))
+    assert seen.doubts == ("without sensor 2",)
+    assert seen.range_mm == pytest.approx((-2.7, 3.8), abs=0.02)
     run = runs["two cycles"].recording
     up = Recording.from_arrays(
         run.time_s, np.where(np.gradient(run.pressure_kpa) < -0.1, 0, run.pressure_kpa), run.signal_mv

@@ -32,7 +32,7 @@ EXPECTED: Mapping[str, str] = {
 
 STAND_INS = ("repeatability", "hysteresis")
 """Contributions that stand in for what a run did not show, and do not count where it did."""
-ONE_CYCLE = "one cycle gives no uncertainty: run three"
+ONE_CYCLE = "one cycle gives no uncertainty: run two or more"
 
 
 class Distribution(StrEnum):

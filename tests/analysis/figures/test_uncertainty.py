@@ -313,7 +313,7 @@ def test_run_of_one_cycle_and_level_has_degrees_of_freedom() -> None:
     parts = signal_parts(run, 0)
     assert (parts.noise_dof, parts.repeatability_dof) == (1.0, 1.0)
     np.testing.assert_array_equal((parts.noise, parts.repeatability, parts.drift), np.full(3, np.nan))
-    assert parts.void == "one cycle gives no uncertainty: run three"
+    assert parts.void == "one cycle gives no uncertainty: run two or more"
 
 
 def test_half_the_loop_keeps_its_course_over_x() -> None:

@@ -66,9 +66,9 @@ def test_each_sensor_needs_a_curve_with_an_inverse() -> None:
 
 def test_a_calibration_without_u_is_marked_where_it_is_accepted() -> None:
     """One cycle: out of tolerance with the reason, which is stored; live, a value without a band."""
-    unknown = replace(SENSOR.record, u_reason="one cycle gives no uncertainty: run three")
+    unknown = replace(SENSOR.record, u_reason="one cycle gives no uncertainty: run two or more")
     missed = missed_bounds(replace(RUN, sensors=(replace(SENSOR, record=unknown),)))
-    assert missed == ("Sensor 1: U is not known: one cycle gives no uncertainty: run three",)
+    assert missed == ("Sensor 1: U is not known: one cycle gives no uncertainty: run two or more",)
     assert missed_bounds(RUN) == ()
     found = prepare(CalibrationRecord((unknown,), simulated=False))(np.array([[1660.0], [1700.0]]))
     assert np.isfinite(found.mm).all()

@@ -6,7 +6,7 @@ import functools
 import gc
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import settings
@@ -74,6 +74,26 @@ def one_tree_of_commands() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(typer.main, "get_command", built)
         patch.setattr(typer.testing, "_get_command", built)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def limits_once() -> Iterator[None]:
+    """Walk to the limits of an actuator once, not again in every model of it: they follow from parameters and mesh."""
+    from analysis.shadow.model.full import FullModel
+
+    known: dict[Any, Any] = {}
+    walk = {name: vars(FullModel)[name].func for name in ("vacuum_limit", "inflation_limit")}
+
+    def limit(name: str, model: FullModel) -> Any:
+        key = (name, model.parameters, model.mesh.nodes.tobytes())
+        if key not in known:
+            known[key] = walk[name](model)
+        return known[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        for name in walk:
+            patch.setattr(FullModel, name, property(functools.partial(limit, name)))
         yield
 
 

@@ -79,7 +79,8 @@ def settling_of(
     signal = signal - signal.mean(axis=1, keepdims=True)
     length = float(np.median(time_s[:, -1] - time_s[:, 0])) * _PARTS / (_PARTS - 1)
     taus = np.geomspace(_TIMES[0] * length, _TIMES[1] * length, _TIMES[2])
-    tried = [_creep(plateaus, sensor, holds, time_s, signal, float(tau)) for tau in taus]
+    steps = _steps(plateaus, sensor)
+    tried = [_creep(steps, holds, time_s, signal, float(tau)) for tau in taus]
     left = np.asarray([float(((signal - gamma * shape) ** 2).sum()) for gamma, _, shape, _ in tried])
     at = int(np.argmin(left))
     gamma, own, shape, _ = tried[at]
@@ -112,33 +113,55 @@ def _parts(recording: Recording, plateau: Plateau, sensor: int) -> FloatArray:
     return found
 
 
-def _lags(plateaus: tuple[Plateau, ...], sensor: int, tau: float, gamma: float = 0.0) -> FloatArray:
+@dataclass(frozen=True)
+class _Steps:
+    """The plateaus with a signal, [n]: their places among all, signals, times from begin to middle and between begins.
+
+    One with a lag decays over `since_s` from the plateau before, and over `settled_s` to the middle of its settled part.
+    """
+
+    places: IntArray
+    signal: list[float]
+    since_s: FloatArray
+    settled_s: FloatArray
+    count: int
+
+
+def _steps(plateaus: tuple[Plateau, ...], sensor: int) -> _Steps:
+    known = np.asarray([i for i, p in enumerate(plateaus) if np.isfinite(p.signal_mv[sensor])], dtype=np.int64)
+    chosen = [plateaus[i] for i in known]
+    begin, end = np.asarray([(p.start_s, p.end_s) for p in chosen]).reshape(-1, 2).T
+    share = np.asarray([(p.settled_first - p.first) / max(p.last - p.first, 1) for p in chosen])
+    settled_s = 0.5 * (share * (end - begin) + end - begin)
+    signal = [float(p.signal_mv[sensor]) for p in chosen]
+    return _Steps(known, signal, np.diff(begin, prepend=0.0), settled_s, len(plateaus))
+
+
+def _lags(steps: _Steps, tau: float, gamma: float = 0.0) -> FloatArray:
     """Return the lag of each plateau in the middle of its settled part, [plateaus] mV.
 
     It is the sum of the steps of the signal at rest, which itself is `gamma` lags ahead, each less its decay.
     """
-    lags, lag, rest, then = np.full(len(plateaus), np.nan), 0.0, float("nan"), 0.0
-    for i, p in enumerate(plateaus):
-        signal = p.signal_mv[sensor]
-        if not np.isfinite(signal):
-            continue
-        settled_s = (p.settled_first - p.first) / max(p.last - p.first, 1) * (p.end_s - p.start_s)
-        fades = np.exp(-0.5 * (settled_s + p.end_s - p.start_s) / tau)
-        lag *= np.exp(-(p.start_s - then) / tau)
-        before = rest if np.isfinite(rest) else signal
-        rest = (signal + gamma * fades * (lag - before)) / (1.0 - gamma * fades)
+    fades, decays = np.exp(-steps.settled_s / tau), np.exp(-steps.since_s / tau)
+    lags, lag, rest = [], 0.0, float("nan")
+    for signal, fade, decay in zip(steps.signal, fades.tolist(), decays.tolist(), strict=True):
+        lag *= decay
+        before = rest if lags else signal
+        rest = (signal + gamma * fade * (lag - before)) / (1.0 - gamma * fade)
         lag += rest - before
-        lags[i], then = lag * fades, p.start_s
-    return lags
+        lags.append(lag * fade)
+    found = np.full(steps.count, np.nan)
+    found[steps.places] = lags
+    return found
 
 
 def _creep(
-    plateaus: tuple[Plateau, ...], sensor: int, holds: IntArray, time_s: FloatArray, signal: FloatArray, tau: float
+    steps: _Steps, holds: IntArray, time_s: FloatArray, signal: FloatArray, tau: float
 ) -> tuple[float, float, FloatArray, FloatArray]:
     """Return gamma, its standard error from the holds, the course of these for gamma = 1, and the lags [plateaus]."""
     gamma = 0.0
     for _ in range(_ITERATIONS):
-        lags = _lags(plateaus, sensor, tau, gamma)
+        lags = _lags(steps, tau, gamma)
         found = _gamma(lags[holds], time_s, signal, tau)
         gamma = float(np.clip(found[0], -_MOST_CREEP, _MOST_CREEP))
     return *found, lags

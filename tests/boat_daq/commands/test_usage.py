@@ -30,11 +30,12 @@ def test_standard_input_is_recognised_by_its_content(words: str, content: bytes,
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="/dev/stdout")
-@pytest.mark.parametrize("name", ["-", "/dev/stdout"])
+@pytest.mark.parametrize("name", [pytest.param("-", marks=pytest.mark.nightly), "/dev/stdout"])
 def test_a_file_is_written_to_standard_output(name: str, tmp_path: Path) -> None:
     """The file alone, byte for byte; what the command prints is on standard error."""
-    words = [sys.executable, "-m", "boat_daq", "calibration", str(RUN), "--format", "c", "--out"]
-    ended = subprocess.run([*words, name], cwd=ROOT, capture_output=True, timeout=60, check=True)
-    subprocess.run([*words, str(tmp_path / "c.h")], cwd=ROOT, capture_output=True, timeout=60, check=True)
+    words = ["calibration", str(RUN), "--format", "c", "--out"]
+    program = [sys.executable, "-m", "boat_daq", *words, name]
+    ended = subprocess.run(program, cwd=ROOT, capture_output=True, timeout=60, check=True)
+    assert CliRunner().invoke(app, [*words, str(tmp_path / "c.h")]).exit_code == 0
     assert ended.stdout == (tmp_path / "c.h").read_bytes()
     assert b"wrote" in ended.stderr

@@ -164,7 +164,10 @@ def test_no_regular_pattern_beats_with_random_places(period: float, share: float
     def pattern(places: np.ndarray) -> np.ndarray:
         return ((places * steps / period + 0.17) % 1.0 < share).astype(float)
 
-    mean = float(pattern((np.arange(4_000_000) + 0.5) / 4_000_000).mean())
+    def covered(until: float) -> float:
+        return np.floor(until) * share + min(until % 1.0, share)
+
+    mean = (covered(steps / period + 0.17) - covered(0.17)) * period / steps
     found = [sampled(pattern, mean, Light(rays=rays, jitter=seed), mirrored=mirrored) for seed in range(100)]
     error, sd = np.sqrt(np.mean(np.square(found), axis=0))
     assert error < most * sd

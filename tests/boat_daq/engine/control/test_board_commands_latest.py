@@ -124,14 +124,14 @@ def check_latest(board: Any, orders: list[tuple[Any, float]], delay_s: float) ->
 
 
 ONCE = settings(
-    max_examples=15,
+    max_examples=settings.default.max_examples // 4,
     phases=(Phase.explicit, Phase.generate),
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 
 
-@pytest.mark.fault(55, how="random orders and delays on the virtual board", times=15)
+@pytest.mark.fault(55, how="random orders and delays on the virtual board", times=8)
 @ONCE
 @given(ORDERS, DELAYS)
 @example([(30.0, 0.0), (5.0, 0.0)], 0.0)
@@ -141,8 +141,8 @@ def test_virtual_board_ends_at_the_latest_command(orders: list[tuple[Any, float]
     check_latest(VirtualBoard(), orders, delay_s)
 
 
-@pytest.mark.fault(55, how="random orders and delays on the firmware", times=10)
-@settings(ONCE, max_examples=10)
+@pytest.mark.fault(55, how="random orders and delays on the firmware", times=4)
+@settings(ONCE, max_examples=settings.default.max_examples // 8)
 @given(orders=ORDERS, delay_s=DELAYS)
 @example(orders=[(30.0, 0.0), (5.0, 0.0)], delay_s=0.0)
 def test_firmware_ends_at_the_latest_command(

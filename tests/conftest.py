@@ -55,6 +55,12 @@ def reached(session: Session, condition: Callable[[SessionSnapshot], bool], seco
     return seen
 
 
+def mostly_at_night(*cases: Any, by_day: int = 1) -> list[Any]:
+    """Return the cases of a test, one value or a tuple each: `by_day` run with every change, the others at night."""
+    others = (case if isinstance(case, tuple) else (case,) for case in cases[by_day:])
+    return [*cases[:by_day], *(pytest.param(*case, marks=pytest.mark.nightly) for case in others)]
+
+
 @pytest.fixture(scope="session", autouse=True)
 def home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Settings, units and logs in a folder of their own, also for the programs that a test starts."""

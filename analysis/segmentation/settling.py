@@ -115,9 +115,9 @@ def _parts(recording: Recording, plateau: Plateau, sensor: int) -> FloatArray:
 
 @dataclass(frozen=True)
 class _Steps:
-    """The plateaus with a signal, [n]: their places among all, signals, times from begin to middle and between begins.
+    """The plateaus with a signal, [n]: their places among all `count`, and their signals.
 
-    One with a lag decays over `since_s` from the plateau before, and over `settled_s` to the middle of its settled part.
+    A lag decays over `since_s` from the plateau before, and over `settled_s` to the middle of the settled part.
     """
 
     places: IntArray

@@ -87,9 +87,10 @@ __main__.main()
         ("ports", ["numpy", "rich"]),
         (f"info {EXAMPLE}", ["numpy", "rich"]),
         (f"convert {EXAMPLE} --calibration SA1.json --json --out mm.csv", ["numpy", "pandas", "rich", "scipy"]),
-        (
+        pytest.param(
             f"export {EXAMPLE} --calibration SA1.json --format csv --json --out run.csv",
             ["numpy", "pandas", "rich", "scipy"],
+            marks=pytest.mark.nightly,
         ),
     ],
 )

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import mostly_at_night
+
 ROOT = Path(__file__).resolve().parents[2]
 RECORDING = ROOT / "recordings" / "simulated_SA1_two_cycles.boat"
 NAMES = ("protocol", "analysis")
@@ -196,7 +198,7 @@ print(analysis.OFFSET if order == "theirs first" else OFFSET, valve())
 """
 
 
-@pytest.mark.parametrize("order", ["theirs first", "ours first"])
+@pytest.mark.parametrize("order", mostly_at_night("theirs first", "ours first"))
 def test_public_names_work_beside_a_labs_own_analysis(order: str, tmp_path: Path) -> None:
     """Its names and modules are found as well, whichever is imported first."""
     (tmp_path / "analysis").mkdir()

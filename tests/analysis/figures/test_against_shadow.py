@@ -13,6 +13,7 @@ from analysis import Options, analyse
 from analysis.figures.against_shadow import against_shadow
 from analysis.reports.build import build_report
 from tests.analysis.boat_builder import Plant, Staircase
+from tests.conftest import mostly_at_night
 
 QUICK = Options(mcmc=False, x_resolution_mm=0.0)
 
@@ -31,7 +32,7 @@ class Line:
         return (np.asarray(elongation_mm) + self.shift_mm + 2.7) * 90.0 / 6.5 - 40.0
 
 
-@pytest.mark.parametrize("shift_mm", [0.15, 0.4])
+@pytest.mark.parametrize("shift_mm", mostly_at_night(0.15, 0.4))
 def test_the_deviation_is_the_plants_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shift_mm: float) -> None:
     """Every cycle lies `shift_mm` from nominal and as much, in pressure, from the model; the report names it."""
     monkeypatch.setattr("analysis.shadow.model.table.load_table", lambda **_: Line(shift_mm))

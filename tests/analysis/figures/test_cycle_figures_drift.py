@@ -19,6 +19,7 @@ from analysis.segmentation.loops import Loops
 from analysis.segmentation.serial_correlation import RANDOM_WALK, Dependence
 from analysis.warning import WarningCode
 from tests.analysis.boat_builder import PAPER, Plant, Staircase, triangle
+from tests.conftest import mostly_at_night
 
 SYSTEM = "system_hysteresis_percent_fso"
 QUICK = Options(mcmc=False, fidelity="draft", x_resolution_mm=0.02)
@@ -38,7 +39,7 @@ def drifting(recording: Recording, mv_per_s: float) -> Recording:
     return Recording.from_arrays(recording.time_s, recording.pressure_kpa, signal)
 
 
-@pytest.mark.parametrize("total_mv", [0.0, 5.0, -15.0])
+@pytest.mark.parametrize("total_mv", mostly_at_night(-15.0, 0.0, 5.0))
 def test_a_drift_is_no_loop(tmp_path: Path, total_mv: float) -> None:
     """The loop of a staircase is that without its drift; drift and repeatability keep it."""
     stairs = Staircase(Plant(loop_mm=0.25, seed=3))
@@ -85,7 +86,9 @@ def correlated(rng: np.random.Generator, cycles: int, rho: float) -> np.ndarray:
     return values
 
 
-@pytest.mark.parametrize(("rho", "least", "most"), [(0.0, 0.92, 0.99), (0.8, 0.93, 0.995), (1.0, 0.92, 0.98)])
+@pytest.mark.parametrize(
+    ("rho", "least", "most"), mostly_at_night((0.8, 0.93, 0.995), (0.0, 0.92, 0.99), (1.0, 0.92, 0.98))
+)
 def test_the_interval_of_the_drift_allows_for_cycles_that_depend_on_one_another(
     rho: float, least: float, most: float
 ) -> None:

@@ -48,7 +48,11 @@ def truth(plant: Plant) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("levels", [(50, 20, -10, -40), tuple(range(50, -41, -10))], ids=["four levels", "ten levels"])
+@pytest.mark.parametrize(
+    "levels",
+    [(50, 20, -10, -40), pytest.param(tuple(range(50, -41, -10)), marks=pytest.mark.nightly)],
+    ids=["four levels", "ten levels"],
+)
 def test_intervals_hold_the_loop_between_the_levels(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, levels: tuple[int, ...], shape: str
 ) -> None:

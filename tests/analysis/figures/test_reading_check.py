@@ -13,6 +13,7 @@ from analysis.certificates.certificate import Request, certificate_of
 from analysis.figures.reading_check import judge_readings
 from protocol.base.errors import DataError
 from tests.analysis.boat_builder import PAPER, Plant, Staircase
+from tests.conftest import mostly_at_night
 
 LEVELS_KPA = np.arange(50.0, -41.0, -10.0)
 
@@ -39,7 +40,7 @@ def off(found, grid: float) -> set[int]:
     return set(np.flatnonzero(np.any(each, axis=0)).tolist())
 
 
-@pytest.mark.parametrize("grid", [0.5, 0.1, 0.02])
+@pytest.mark.parametrize("grid", mostly_at_night(0.1, 0.5, 0.02))
 @pytest.mark.parametrize("cycles", [1, 5])
 def test_sound_cubics_raise_no_alarm_on_any_grid(grid: float, cycles: int) -> None:
     """Of 28 sound runs at most one has a reading that is off: 2 % are allowed, 4 of 14 were named on 0.5 mm."""

@@ -7,6 +7,7 @@ import pytest
 
 from analysis import Recording, find_cycles, find_plateaus, plateau_table
 from tests.analysis.boat_builder import Plant, Staircase, triangle
+from tests.conftest import mostly_at_night
 
 
 def continuous(pressure: np.ndarray, rate_hz: float = 100.0, noise_kpa: float = 0.05) -> Recording:
@@ -27,7 +28,7 @@ def test_the_table_of_plateaus_has_a_row_a_hold() -> None:
     assert {"pressure_kpa", "s1_mv", "s2_se_mv", "void"} <= set(table.columns)
 
 
-@pytest.mark.parametrize("rate_hz", [10.0, 62.0, 100.0, 1000.0])
+@pytest.mark.parametrize("rate_hz", mostly_at_night(10.0, 62.0, 100.0, 1000.0, by_day=3))
 @pytest.mark.parametrize("ramp", [5.0, 20.0])
 def test_every_hold_of_a_staircase_is_found(rate_hz: float, ramp: float) -> None:
     """At any rate and ramp all 91 holds are plateaus of the cycles, at their pressure, inside their true rows."""

@@ -14,6 +14,7 @@ from analysis.numbers import finite
 from analysis.segmentation.settling import _gamma
 from analysis.warning import WarningCode
 from tests.analysis.boat_builder import PAPER, Plant, Staircase
+from tests.conftest import mostly_at_night
 
 LOOP_MM = 0.25
 STAIRS = Staircase(Plant(loop_mm=LOOP_MM), dwell_s=2.5)
@@ -69,8 +70,9 @@ def truth() -> dict[str, float]:
     }
 
 
-@pytest.mark.parametrize(("of", "share", "tau_s"), [("signal", 0.03, 5.0), ("signal", 0.1, 5.0), ("signal", 0.1, 12.0),
-                                                    ("elongation", 0.05, 5.0)])  # fmt: skip
+@pytest.mark.parametrize(("of", "share", "tau_s"), mostly_at_night(
+    ("signal", 0.1, 12.0), ("elongation", 0.05, 5.0), ("signal", 0.03, 5.0), ("signal", 0.1, 5.0), by_day=2
+))  # fmt: skip
 def test_intervals_of_unsettled_holds_contain_the_figures_at_rest(
     tmp_path: Path, of: str, share: float, tau_s: float
 ) -> None:

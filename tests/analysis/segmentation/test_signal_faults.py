@@ -9,6 +9,7 @@ import pytest
 
 from analysis import Options, Recording, analyse
 from tests.analysis.boat_builder import Plant, Staircase, triangle
+from tests.conftest import mostly_at_night
 
 QUICK = Options(mcmc=False)
 
@@ -66,7 +67,7 @@ def test_drop_outs_are_left_out_with_a_count(value: float) -> None:
         assert figure.value == pytest.approx(before.value, rel=0.02), name
 
 
-@pytest.mark.parametrize("value", [-300.0, 200.0])
+@pytest.mark.parametrize("value", mostly_at_night(200.0, -300.0))
 def test_a_pressure_that_drops_out_cuts_no_hold_in_two(tmp_path: Path, value: float) -> None:
     """Four samples of a loose wire within a hold: counted, left out, and the readings still find their plateaus."""
     stairs = Staircase(cycles=2)

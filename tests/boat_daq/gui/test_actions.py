@@ -6,6 +6,7 @@ import zipfile
 from collections import Counter
 from types import SimpleNamespace
 
+import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QKeySequence
 from PySide6.QtTest import QTest
@@ -66,6 +67,7 @@ def test_a_session_by_keys_alone(make):
     assert session.calls[-1] == "vent"
 
 
+@pytest.mark.nightly
 def test_bug_report_is_packed_without_names(live, tmp_path, qtbot):
     """The menu's action requests a place, packs in the background, and reports it."""
     run_command(live, "Save a bug report …")

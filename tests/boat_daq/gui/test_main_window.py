@@ -9,6 +9,7 @@ from boat_daq.gui import style
 from boat_daq.viewmodels.common.services import PLACES, Panel
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.gui.windows import ASKED
+from tests.conftest import mostly_at_night
 
 
 def test_no_dialog_is_modal(live):
@@ -72,7 +73,7 @@ def test_waiting_reading_is_marked_on_every_page(running):
     assert (live.text(), live.accessibleName()) == ("Measure", "Measure")
 
 
-@pytest.mark.parametrize("state", ["empty", "live", "running"])
+@pytest.mark.parametrize("state", mostly_at_night("running", "empty", "live"))
 def test_each_page_has_one_primary_button_at_most(request, state):
     """What to do next is marked once; two accents are none."""
     window = request.getfixturevalue(state)

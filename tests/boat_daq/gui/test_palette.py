@@ -14,6 +14,7 @@ from boat_daq.engine.snapshot import (
     SessionState,
 )
 from tests.boat_daq.gui.windows import NARROW, run_shortcut
+from tests.conftest import mostly_at_night
 
 
 def test_shortcut_closes_the_palette_and_runs(live):
@@ -40,7 +41,7 @@ def test_palette_finds_synonyms(live):
         assert palette.list.topLevelItem(0).text(0) == meant, typed
 
 
-@pytest.mark.parametrize("width", [NARROW, 1280])
+@pytest.mark.parametrize("width", mostly_at_night(NARROW, 1280))
 def test_shortcut_sheet_does_not_scroll_sideways(live, width):
     """At 853 px a third of the keys was out of sight to the right."""
     live.resize(width, 533)

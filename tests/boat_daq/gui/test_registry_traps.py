@@ -15,6 +15,7 @@ from boat_daq.engine.snapshot import SessionState
 from boat_daq.viewmodels.common.services import PLACES, Page, Panel
 from boat_daq.workflows import jobs
 from tests.boat_daq.gui.windows import PATIENCE_MS, RAMPING, choose, run_command
+from tests.conftest import mostly_at_night
 
 Key = Qt.Key
 NO, CTRL = Qt.KeyboardModifier.NoModifier, Qt.KeyboardModifier.ControlModifier
@@ -78,8 +79,8 @@ def run(window):
     window.refresh()
 
 
-@pytest.mark.parametrize("state", RUN_KEYS)
-@pytest.mark.parametrize("everywhere", [False, pytest.param(True, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("state", mostly_at_night("running", "idle"))
+@pytest.mark.parametrize("everywhere", mostly_at_night(False, True))
 def test_no_key_commands_the_board_but_the_documented_one(front, state, everywhere):
     """Press every key with the focus nowhere and on the plots, and Space after each: none acts by where focus fell.
 
@@ -293,7 +294,7 @@ def test_escape_closes_a_dialog_behind_the_window(front, qtbot):
     assert escapes(front, qtbot, "keys") == [(False, False), (True, True)]
 
 
-@pytest.mark.parametrize("size", [(1280, 800), (853, 600)])
+@pytest.mark.parametrize("size", [(853, 600), pytest.param((1280, 800), marks=pytest.mark.nightly)])
 def test_no_dialog_covers_vent(front, qtbot, size):
     """Certificate and Keys did, at 1280 x 800; one that is dragged over it gives way."""
     front.resize(*size)

@@ -62,8 +62,8 @@ def test_walking_the_cells_counts_as_searching_every_surface(
 ) -> None:
     """Cells, free edges and cavities seen from inside: a tracer that tries every segment detects the same rays."""
     shape = outline(frames[state], design)
-    searched = second_tracer.detected(second_tracer.read(shape), shape, 6000, 500)
-    walked = trace(frames[state], design, Waveguide(), Light(rays=6000, secondary=500))
+    searched = second_tracer.detected(second_tracer.read(shape), shape, 3000, 500)
+    walked = trace(frames[state], design, Waveguide(), Light(rays=3000, secondary=500))
     assert abs(walked.ledger["detected"] - searched) <= 1
 
 

@@ -19,6 +19,7 @@ from analysis.shadow.monitoring.monitor import (
 )
 from protocol.base.errors import DataError, RequestError
 from tests.analysis.shadow.simulated_actuator import Fault, Run, run_actuator
+from tests.conftest import mostly_at_night
 
 UNITS = ("SA1", "SA2", "SA3")
 
@@ -81,7 +82,7 @@ def test_delays_of_a_leak(
     assert np.percentile(delays, 90) <= most
 
 
-@pytest.mark.parametrize(("percent", "named"), [(5.0, "softening"), (-5.0, "stiffening")])
+@pytest.mark.parametrize(("percent", "named"), mostly_at_night((5.0, "softening"), (-5.0, "stiffening")))
 def test_softening_of_five_percent_over_fifty_cycles(table: ReducedModel, percent: float, named: str) -> None:
     """Found within ten cycles of its beginning, when it is one per cent, and dated to within four."""
     run = run_actuator(32, Fault(begins=20, softening_percent_in_50=percent), staircase=False)

@@ -15,7 +15,7 @@ from tests.analysis.studies.failure_maps.borders import REFUSES, WARNS, WORKS, c
         ("posterior-start", 1e3, 100.0, WARNS, "not converged"),
         ("posterior-start", 1.0, 20.0, WARNS, "not converged"),
         pytest.param("posterior-reading", 0.02, 50.0, WORKS, "", marks=pytest.mark.nightly),
-        ("posterior-reading", 0.7, 1.49, WORKS, ""),
+        pytest.param("posterior-reading", 0.7, 1.49, WORKS, "", marks=pytest.mark.nightly),
         ("posterior-reading", 0.0, 1e-6, WORKS, ""),
         ("posterior-reading", 0.0, 0.0, REFUSES, "no noise to sample"),
     ],

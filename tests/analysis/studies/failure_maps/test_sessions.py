@@ -11,7 +11,7 @@ from tests.analysis.studies.failure_maps.borders import WARNS, WORKS, check_poin
 @pytest.mark.parametrize(
     ("wave_mv", "grid_mm", "outcome", "message"),
     [
-        (0.0, 0.02, WORKS, ""),
+        pytest.param(0.0, 0.02, WORKS, "", marks=pytest.mark.nightly),
         pytest.param(0.1, 0.02, WORKS, "", marks=pytest.mark.nightly),
         (1.0, 0.02, WARNS, "misses the position means"),
         pytest.param(3.0, 0.2, WARNS, "misses the position means", marks=pytest.mark.nightly),

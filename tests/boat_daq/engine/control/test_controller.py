@@ -19,6 +19,7 @@ from protocol.link.events import CommandDone, CommandLost
 from protocol.link.messages import AckStatus, ClearFault, Heartbeat, SetLimits, SetPressure, Start, Vent
 from protocol.recording import BoardState, RunEnd
 from tests.boat_daq.engine.controller_rig import QUICK, ControllerRig
+from tests.conftest import mostly_at_night
 
 RUN_S = 60.0
 
@@ -27,7 +28,7 @@ def vented(rig: ControllerRig) -> bool:
     return abs(rig.pressure_kpa) < 1.0
 
 
-@pytest.mark.parametrize(("speed", "step_s"), [(1.0, 0.04), (50.0, 0.02)])
+@pytest.mark.parametrize(("speed", "step_s"), mostly_at_night((50.0, 0.02), (1.0, 0.04)))
 def test_a_calibration_runs_to_its_end(speed: float, step_s: float) -> None:
     """All plateaus of one cycle are reached and steady, at 1x as at 50x; pressure stays inside the limits."""
     plan = dataclasses.replace(built_in_plans()["calibration"], cycles=1)

@@ -9,9 +9,10 @@ from boat_daq.engine.recording.disk_space import bytes_per_second, check_space
 from protocol.base.errors import StorageError
 from protocol.simulator.board import VirtualBoard
 from tests.boat_daq.engine.board_link import record_run
+from tests.conftest import mostly_at_night
 
 
-@pytest.mark.parametrize(("rate_hz", "seconds"), [(100, 60.0), (2_000, 15.0)])
+@pytest.mark.parametrize(("rate_hz", "seconds"), mostly_at_night((2_000, 15.0), (100, 60.0)))
 def test_the_estimate_covers_a_real_recording_and_not_many(tmp_path, rate_hz, seconds):
     """What a recording takes a second is below the estimate, and above a third of it."""
     path = tmp_path / "run.boat"

@@ -188,7 +188,7 @@ def test_one_zeroed_page_of_the_log_loses_no_committed_sample(killed: Killed, tm
         assert verify_recording(recovery.path).identical
 
 
-@pytest.mark.parametrize("times", few_and_many(59, "pages zeroed, bytes flipped, headers zeroed, up to three", 40, 500))
+@pytest.mark.parametrize("times", few_and_many(59, "pages zeroed, bytes flipped, headers zeroed, up to three", 15, 500))
 def test_random_damage_loses_only_what_lay_in_damaged_pages(killed: Killed, tmp_path: Path, times: int) -> None:
     """Nothing wrong is stored, no intact row is lost, and what is called missing is what is missing."""
     rng = random.Random(times)

@@ -20,6 +20,7 @@ from boat_daq.viewmodels.live import axis
 from boat_daq.workflows.live_conversion import LiveElongation
 from protocol.recording import sample_dtype
 from tests.boat_daq.gui.windows import run_command, run_shortcut
+from tests.conftest import mostly_at_night
 
 
 def test_titles_are_in_the_gutter_at_any_height(live):
@@ -92,7 +93,7 @@ def test_marker_is_added_by_keys_and_shown(live):
     assert line.value() == pytest.approx(299.99)
 
 
-@pytest.mark.parametrize("height", [500, 1000])
+@pytest.mark.parametrize("height", mostly_at_night(500, 1000))
 def test_labels_of_cursors_and_markers_are_not_cut(live, height):
     """On low plots and at both edges the letters of A and B and of notes lie inside their plot; braces are letters."""
     live.resize(840, height)

@@ -22,6 +22,7 @@ from boat_daq.viewmodels.common.notices import Severity
 from protocol.recording import RunEnd
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.gui.windows import ASKED, NARROW, PATIENCE_MS, RAMPING, Grid
+from tests.conftest import mostly_at_night
 
 
 def test_interrupted_run_has_buttons_to_resume_and_to_start_over(live):
@@ -94,7 +95,7 @@ def test_each_run_has_its_own_recording(live):
     assert session.calls[-2:] == ["stop_recording", "arm"]
 
 
-@pytest.mark.parametrize("state", [SessionState.FAULT, SessionState.ABORTED])
+@pytest.mark.parametrize("state", mostly_at_night(SessionState.FAULT, SessionState.ABORTED))
 def test_interrupted_run_shows_its_cause(live, state):
     """The strip's message goes once the link is up again: "Fault" was shown without a reason."""
     live.model.session.change(state=state, run_ended=RunEnding(RunEnd.FAULT, "the board was unplugged"), progress=None)
@@ -106,7 +107,7 @@ def test_interrupted_run_shows_its_cause(live, state):
 
 
 @pytest.mark.parametrize(
-    ("end", "words"), [(RunEnd.FINISHED, "the run is finished"), (RunEnd.STOPPED, "the run was stopped")]
+    ("end", "words"), mostly_at_night((RunEnd.STOPPED, "the run was stopped"), (RunEnd.FINISHED, "the run is finished"))
 )
 def test_offer_to_calibrate_names_how_the_run_ended(running, end, words):
     """A run that was stopped with some plateaus read was called finished."""
@@ -151,7 +152,7 @@ def test_end_of_a_run_offers_to_calibrate(make):
 @pytest.mark.parametrize(
     "criteria",
     [
-        (StopCriterion("U ", "mm", 0.1, 0.08, 0.07),),
+        pytest.param((StopCriterion("U ", "mm", 0.1, 0.08, 0.07),), marks=pytest.mark.nightly),
         (StopCriterion("drift \u00b1", "% FSO", 0.62, 0.5), StopCriterion("repeatability \u00b1", "% FSO", 0.14, 0.5)),
     ],
 )

@@ -17,6 +17,7 @@ from boat_daq.gui.plotting.shadow_pane import ShadowView
 from boat_daq.viewmodels.live.shadow_live import CycleMark, ShadowPicture
 from protocol.base.errors import DataError
 from tests.boat_daq.gui.models.test_tradeoff_page import app_model  # noqa: F401 - a fixture
+from tests.conftest import mostly_at_night
 
 
 def mark(cycle, deviation=0.04, loss=-130.0):
@@ -131,7 +132,7 @@ def test_pane_follows_the_menu_commands(page, app_model):  # noqa: F811 - the fi
     assert page.pane.view.scale_texts[1] == "strain 20 % or more"
 
 
-@pytest.mark.parametrize("theme", [style.LIGHT, style.DARK])
+@pytest.mark.parametrize("theme", mostly_at_night(style.DARK, style.LIGHT))
 def test_legend_of_the_shadow_is_in_the_picture(live, theme):
     """Each mark is drawn in its colour above the scale, once the actuator is drawn: before, they explain nothing."""
     live.set_theme(theme)

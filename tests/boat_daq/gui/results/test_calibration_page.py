@@ -86,7 +86,7 @@ def test_calibration_is_exported_to_the_place_that_is_chosen(live, tmp_path, mon
     assert targets == [tmp_path / "calibration.h"]
 
 
-@pytest.mark.parametrize("size", [(1280, 800), (853, 533)])
+@pytest.mark.parametrize("size", [(853, 533), pytest.param((1280, 800), marks=pytest.mark.nightly)])
 def test_missed_bounds_are_shown_beside_the_accept_button(live, size):
     """Figures, bounds and their source are visible beside a button that is not primary; acceptance is marked."""
     model = live.model

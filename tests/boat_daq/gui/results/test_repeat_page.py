@@ -12,6 +12,7 @@ from boat_daq.viewmodels.results.figure_tables import DRIFT_KEY, HYSTERESIS_KEY,
 from boat_daq.workflows.jobs import JobFailure, JobState
 from tests.boat_daq.gui.results.run_results import CYCLES, USABLE, run_result
 from tests.boat_daq.gui.windows import NARROW
+from tests.conftest import mostly_at_night
 
 
 def choose(page, name):
@@ -77,7 +78,7 @@ def test_interruption_is_drawn_and_tested(live):
     assert (page.card.marks, page.tabs.count()) == ([], 1)
 
 
-@pytest.mark.parametrize("width", [1280, NARROW])
+@pytest.mark.parametrize("width", mostly_at_night(NARROW, 1280))
 def test_what_the_run_has_reached_is_shown_in_a_line(live, width):
     """Whole at both widths; without an interval no space is left for it."""
     live.resize(width, 800)
@@ -92,7 +93,7 @@ def test_what_the_run_has_reached_is_shown_in_a_line(live, width):
     assert page.known.isHidden()
 
 
-@pytest.mark.parametrize("sensors", [1, 3, 4])
+@pytest.mark.parametrize("sensors", mostly_at_night(4, 1, 3))
 def test_every_sensor_is_drawn(live, sensors):
     """One to four sensors: a loop plot and a symbol each; those of the run before are gone."""
     whole = run_result()

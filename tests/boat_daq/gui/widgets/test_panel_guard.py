@@ -9,6 +9,7 @@ from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import SessionState
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.gui.windows import RAMPING
+from tests.conftest import mostly_at_night
 
 
 def covers(panel):
@@ -58,7 +59,7 @@ def test_failing_messages_and_values_are_covered_and_the_others_go_on(live, monk
     assert (live.guard._covers, page.guard._covers) == ({}, {})
 
 
-@pytest.mark.parametrize("sensors", [1, 3, 4])
+@pytest.mark.parametrize("sensors", mostly_at_night(4, 1, 3))
 def test_board_with_one_to_four_sensors_is_shown(make, qtbot, sensors):
     """With one sensor the overlay failed; sensors 3 and 4 had neither value nor plot."""
     session = RecordedSession(connected(), filled_ring(120.0, sensors=sensors))

@@ -212,6 +212,21 @@ def unwrapped(time_s: FloatArray, factor: float) -> tuple[FloatArray, float] | N
     return None
 
 
+def without_summer_time(time_s: FloatArray, first_s: float) -> tuple[FloatArray, bool]:
+    """Return times without a step of one hour to a full hour, as summer time makes, and whether there was one.
+
+    `first_s` is the time of day at zero, s.
+    """
+    known = np.flatnonzero(np.isfinite(time_s))
+    steps = np.diff(time_s[known])
+    near = NEAR_WRAP * float(np.median(steps)) if steps.size else 0.0
+    past = np.mod(time_s[known[1:]] + first_s + 1e-6, 3600.0)
+    jumps = (steps > 3600.0) & (steps <= 3600.0 + near) & (past <= near)
+    result = time_s.copy()
+    result[known] -= 3600.0 * np.concatenate(([0], np.cumsum(jumps)))
+    return result, bool(jumps.any())
+
+
 def spread(time_s: FloatArray) -> FloatArray | None:
     """Return coarse stamps spread evenly until the next one; None where they do not repeat as coarse ones do.
 

@@ -15,6 +15,7 @@ import numpy as np
 from analysis.data.clocks import read_stamps
 from analysis.data.column_names import (
     OTHER_SIGNALS,
+    PLAIN,
     SENSORS_IN_A_RECORDING,
     absolute_unit,
     guess_unit,
@@ -32,7 +33,10 @@ from protocol.base.errors import RequestError
 from protocol.base.units import conversion, find_unit
 from protocol.recording import CHANNELS_MAX, RESERVED, ExtraChannel, channels_of
 
+CHANNEL = "channel "  # before the position of an extra channel among the names of columns
 MOST_LISTED = 20
+_ALIKE = 0.01  # of the greatest pressure, by which the same pressure in two columns may differ
+_STORED_UNITS = {"time_s": "s", "pressure_kpa": "kPa", "target_kpa": "kPa", "elongation_mm": "mm"}
 _USUAL_UNITS = {"time_s": "ms", "pressure_kpa": "bar", "s1_mv": "V"}
 _NUMBER = r"(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _SCALED = re.compile(rf"^(?P<column>.+?)(?:\*(?P<scale>[+-]?{_NUMBER}))?(?P<offset>[+-]{_NUMBER})?$")
@@ -67,6 +71,7 @@ class ColumnMap:
     channels: Mapping[int, ExtraChannel] = field(default_factory=dict)  # by position: columns of other quantities
     clocks: Mapping[str, Column] = field(default_factory=dict)  # by name: the clock of columns that have another one
     signal_unit: str = "mV"
+    interval_s: float = 0.0  # between rows that have no time, as the file says
 
     def as_profile(self, table: Table) -> dict[str, str]:
         """Return the map as NAME -> COLUMN[*SCALE][+OFFSET][:UNIT], the form that a profile keeps and `--map` takes."""
@@ -83,7 +88,8 @@ class ColumnMap:
     @property
     def missing(self) -> list[str]:
         """Names without which there is no run."""
-        missing = [name for name in ("time_s", "pressure_kpa") if name not in self.columns]
+        needed = ("pressure_kpa",) if self.interval_s else ("time_s", "pressure_kpa")
+        missing = [name for name in needed if name not in self.columns]
         return missing if any(map(is_signal, self.columns)) else [*missing, "s1_mv"]
 
 
@@ -91,13 +97,12 @@ def map_columns(table: Table, columns: Mapping[str, str] | None = None, *, toler
     """Map the columns as `columns` gives them ("" for none), else by title; `tolerant` of unknown units."""
     warnings: list[Warning] = []
     given = {our_name(name): text for name, text in (columns or {}).items()}
-    chosen = {name: _mapped(table, name, text) for name, text in given.items() if text}
+    chosen = {name: _mapped(table, name, text, warnings) for name, text in given.items() if text}
     stated = _stated_channels(table)
     taken = {column.position for column in chosen.values()} | set(stated)
     clocks: list[Column] = []
+    others: list[tuple[str, Column]] = []
     for name, position, unit in _by_title(table, taken, set(given), signals_mapped=any(map(is_signal, chosen))):
-        if name in chosen and name != "time_s":
-            continue
         try:
             column = _with_unit(table, name, position, unit, warnings)
         except RequestError as error:
@@ -107,21 +112,63 @@ def map_columns(table: Table, columns: Mapping[str, str] | None = None, *, toler
             continue
         if name == "time_s" and name not in given:
             clocks.append(column)
+        if name in chosen and name != "time_s":
+            others.append((name, column))
         chosen.setdefault(name, column)
+    _refuse_others(table, chosen, others, warnings, tolerant=tolerant)
     found = time_without_header(table) if given and "time_s" not in {*chosen, *given} else None
     if found is not None and found not in {column.position for column in chosen.values()}:
         text = f"no header: column {found + 1} never falls, taken as time"
         warnings.append(Warning(WarningCode.TIME_GUESSED, "", text))
         chosen["time_s"] = _with_unit(table, "time_s", found, table.units[found], warnings)
+    stamps = [position for position in table.stamps if position not in {column.position for column in chosen.values()}]
+    if "time_s" not in {*chosen, *given} and len(stamps) == 1:
+        text = f"column {table.names[stamps[0]]!r} holds stamps: taken as time"
+        warnings.append(Warning(WarningCode.TIME_GUESSED, "", text))
+        chosen["time_s"] = Column(stamps[0], "s")
+    interval_s = 0.0 if "time_s" in given else _interval_without_times(table, chosen, warnings)
+    channels = _channels(table, {column.position for column in (*chosen.values(), *clocks)}, stated)
     own_clocks: dict[str, Column] = {}
     if len(clocks) > 1:
-        chosen["time_s"], own_clocks = _assigned(table, chosen, clocks)
+        others = [(f"{CHANNEL}{position}", Column(position)) for position in channels]
+        chosen["time_s"], own_clocks = _assigned(table, {**chosen, **dict(others)}, clocks)
     chosen = dict(sorted(chosen.items(), key=lambda item: item[1].position))
     unit, chosen = _one_signal_unit(table, chosen)
-    taken = {column.position for column in (*chosen.values(), *clocks)}
     declined = tuple(name for name, text in given.items() if not text)
-    channels = _channels(table, taken, stated)
-    return ColumnMap(chosen, tuple(warnings), declined, channels, own_clocks, unit)
+    return ColumnMap(chosen, tuple(warnings), declined, channels, own_clocks, unit, interval_s)
+
+
+def _interval_without_times(table: Table, chosen: dict[str, Column], warnings: list[Warning]) -> float:
+    """Return the interval of the rows that the file states, s, where no column has times; 0 otherwise."""
+    column, interval_s = chosen.get("time_s"), table.dialect.interval_s
+    if not interval_s or (column is not None and np.isfinite(table.columns[column.position]).any()):
+        return 0.0
+    chosen.pop("time_s", None)
+    text = f"no column of the time: rows {interval_s:g} s apart, as the file says"
+    warnings.append(Warning(WarningCode.TIME_GUESSED, "", text))
+    return interval_s
+
+
+def _refuse_others(
+    table: Table,
+    chosen: Mapping[str, Column],
+    others: list[tuple[str, Column]],
+    warnings: list[Warning],
+    *,
+    tolerant: bool,
+) -> None:
+    """Refuse a second column of the pressure that differs from the first; name one of another quantity."""
+    for name, column in others:
+        first = chosen[name]
+        title, other = table.names[first.position], table.names[column.position]
+        one, two = first.values(table), column.values(table)
+        if title == name or np.nanmax(np.abs(one - two), initial=0.0) <= _ALIKE * np.nanmax(np.abs(one), initial=0.0):
+            continue
+        number = column.position + 1
+        text = f"columns {first.position + 1} ({title}) and {number} ({other}) may both be {name}"
+        if name == "pressure_kpa" and not tolerant:
+            raise RequestError(text, f"Choose one: --map {name}={first.position + 1}, or --map {name}={number}.")
+        warnings.append(Warning(WarningCode.TABLE_CHOSEN, "", f"{text}: the first is taken"))
 
 
 def _by_title(table: Table, taken: Set[int], mapped: Set[str], *, signals_mapped: bool) -> list[tuple[str, int, str]]:
@@ -142,11 +189,14 @@ def _by_title(table: Table, taken: Set[int], mapped: Set[str], *, signals_mapped
     if any(name == "s0_mv" for name, _, _ in found):  # numbered from 0
         found = [(f"s{int(name[1:-3]) + 1}_mv" if name.endswith("_mv") else name, at, unit) for name, at, unit in found]
     if not any(is_signal(name) for name, _, _ in found):
-        others = [
+        free = [
             (position, unit)
-            for position, (title, unit) in enumerate(zip(table.names, table.units, strict=True))
-            if position not in taken and position not in table.text and OTHER_SIGNALS.search(title.lower())
+            for position, unit in enumerate(table.units)
+            if position not in taken and position not in table.text
         ]
+        others = [(at, unit) for at, unit in free if OTHER_SIGNALS.search(table.names[at].lower())]
+        volts = [(at, unit) for at, unit in free if (known := find_unit(unit)) and known.quantity == "voltage"]
+        others = others or (volts if len(volts) == 1 else [])
         found += [(f"s{n}_mv", *other) for n, other in enumerate(others[:SENSORS_IN_A_RECORDING], 1)]
     return found
 
@@ -187,7 +237,7 @@ def _assigned(table: Table, chosen: Mapping[str, Column], clocks: list[Column]) 
 
     A clock is that of the columns on its right, up to the next clock. Of clocks beside one another, the finest counts.
     """
-    measured = {name: c for name, c in chosen.items() if is_signal(name) or name == "pressure_kpa"}
+    measured = {name: c for name, c in chosen.items() if name not in (*PLAIN, "time_s")}
     owners: dict[int, list[Column]] = {}
     own: dict[str, int] = {}
     for name, column in measured.items():
@@ -205,7 +255,9 @@ def _assigned(table: Table, chosen: Mapping[str, Column], clocks: list[Column]) 
         group: max(beside, key=lambda clock: np.unique(table.columns[clock.position]).size)
         for group, beside in owners.items()
     }
-    main = next((own[name] for name in own if is_signal(name)), next(iter(own.values())))
+    main = next(
+        (own[name] for name in (*filter(is_signal, own), "pressure_kpa") if name in own), next(iter(own.values()))
+    )
     return finest[main], {name: finest[group] for name, group in own.items() if group != main}
 
 
@@ -255,13 +307,16 @@ def _channels(table: Table, taken: Set[int], stated: Mapping[int, tuple[str, str
     return dict(zip(found, channels_of(found.values()), strict=True)) if len(found) <= CHANNELS_MAX else {}
 
 
-def _mapped(table: Table, name: str, text: str) -> Column:
+def _mapped(table: Table, name: str, text: str, warnings: list[Warning]) -> Column:
     position, unit, scale, offset = _parsed(table, text)
     if position in table.text and name == "time_s":
         return _ordered_stamps(table, position, unit)
     stated = unit
     unit = unit or table.units[position] or unit_in_title(table.names[position])
     if not unit:
+        if stored := _STORED_UNITS.get(name, "mV" if name.endswith("_mv") else ""):
+            told = f"column {table.names[position]!r} is mapped without a unit: taken as {stored}"
+            warnings.append(Warning(WarningCode.UNIT_GUESSED, "", told))
         return Column(position, "", 1.0, scale, offset)
     known = unit_for(name, unit)
     if known is None:
@@ -353,6 +408,7 @@ def unmapped(name: str, missing: list[str], mapping: ColumnMap, table: Table) ->
     remedy = "Add --map time_s=COLUMN:ms, or import it with --rate HZ" if missing == ["time_s"] else options
     stamps = [i for i in table.text if recognised(table.names[i]) in missing]
     found = [_text_in(table, i) for i in stamps]
+    found += [warning.text for warning in table.warnings if warning.code is WarningCode.TABLE_CHOSEN]
     if "time_s" in missing and any("/" in text or "-" in text for text in found):
         remedy += f"; of dates, --map time_s={stamps[0] + 1}:dmy (day first) or :mdy"
     cause = "; ".join([f"{name}: no column was recognised as {', '.join(missing)}", *found])

@@ -20,12 +20,13 @@ _WORDS = {
     "time_s": (
         "time", "t", "tijd", "zeit", "temps", "tempo", "tiempo", "timestamp", "datetime", "date time", "date",
         "elapsed", "x", "seconds", "second", "millis", "micros", "nanos", "milliseconds", "microseconds", "datenum",
-        "x_value", "x value", "clock",
+        "x_value", "x value", "x-axis", "clock", "ts", "date/time", "time*", "uhrzeit", "zeitstempel", "prüfzeit",
+        "messzeit", "laufzeit", "heure", "hora", "test time", "running time", "run time", "total time",
     ),
     "pressure_kpa": (
-        "pressure", "p", "druk", "druck", "pression", "pressione", "presion", "presión", "press", "gauge",
+        "pressure", "p", "druk", "druck", "pression", "pressione", "presion", "presión", "press", "gauge", "istdruck",
     ),
-    "target_kpa": ("target", "setpoint", "set point", "target pressure", "pressure target"),
+    "target_kpa": ("target", "setpoint", "set point", "solldruck"),
     "elongation_mm": (
         "elongation", "displacement", "extension", "laser", "lvdt", "deflection", "weg", "auslenkung", "verplaatsing",
         "déplacement", "deplacement", "stroke",
@@ -38,6 +39,11 @@ _SIGNAL_WORDS = ("signal", "voltage", "sensor", "mv", "v", "output", "light")
 OTHER_SIGNALS = re.compile(r"\b(force|load|resistance|capacitance|wavelength|frequency|counts?|adc|kraft)\b")
 COUNTS = re.compile(r"^s([1-9]\d?)_(lit|dark)$")
 PLAIN = ("index", "state", "flags", "segment", "simulated")
+_WANTED = frozenset((  # of a pressure that is not measured
+    "set", "setpoint", "sp", "soll", "sollwert", "target", "command", "commanded", "cmd", "demand", "desired", "ref",
+    "reference", "consigne",
+))  # fmt: skip
+_MEASURED = frozenset(("actual", "act", "measured", "meas", "ist", "istwert", "pv", "feedback"))
 _OWN_UNIT = {"millis": "ms", "micros": "us", "nanos": "ns", "seconds": "s", "second": "s", "milliseconds": "ms",
              "microseconds": "us", "datenum": "d"}  # fmt: skip
 _NO_QUANTITY = frozenset(("counts", "count", "lsb", "digits", "raw", "a.u.", "au", "adu", "arb.", "1"))
@@ -157,7 +163,12 @@ def recognised(title: str, unit: str = "") -> str | None:
     if sensor:
         number = int(sensor[1]) if sensor[1].isdigit() else "abcdefgh".index(sensor[1]) + 1
         return f"s{number}_mv"
-    words = bare.split()
+    words = bare.replace("-", " ").split()
+    if len(words) > 1 and (others := set(words) - set(_WORDS["pressure_kpa"])) < set(words):
+        if others & _WANTED:
+            return "target_kpa"
+        if others <= _MEASURED:
+            return "pressure_kpa"
     for name in ("target_kpa", "time_s", "pressure_kpa", "elongation_mm"):
         if bare == "x" and unit_for("time_s", unit) is None:
             continue

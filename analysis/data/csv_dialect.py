@@ -25,7 +25,8 @@ from protocol.base.errors import FileError
 MAX_LINE_BYTES = 1 << 20
 MAX_COLUMNS = 1000
 HEAD_LINES = 300
-_BELOW = 5  # rows below a title that tell it
+_BODY = 100  # last rows of the head that tell which columns hold numbers
+_MOSTLY = 0.8  # share of them
 MAX_QUOTED_LINES = 20  # a longer quoted cell is a lone quotation mark
 
 # in order of preference where two explain a file equally well
@@ -35,6 +36,8 @@ DIALECTS = (
 )  # fmt: skip
 MISSING = {"", "nan", "na", "n/a", "null", "-", "#n/a"}
 COMMENTS = ("#", "%")
+_NOTES = ("comment", "comments", "note", "notes", "remark", "remarks")
+_COUNTED = ("sequence", "sample", "point")
 _LVM = "LabVIEW Measurement"
 _LVM_HEAD_ENDS = "***End_of_Header***"
 # a group sign is believed only beside a decimal part or a second group: 1,650 alone may be a decimal comma
@@ -42,6 +45,12 @@ _GROUPED = {
     ".": re.compile(r"^[+-]?[0-9]{1,3}(?:(?:,[0-9]{3})+\.[0-9]*|(?:,[0-9]{3}){2,})$"),
     ",": re.compile(r"^[+-]?[0-9]{1,3}(?:(?:\.[0-9]{3})+,[0-9]*|(?:\.[0-9]{3}){2,})$"),
 }
+_GROUPS = re.compile(r"(?<=\d)['\u2019\u00a0\u202f ](?=\d{3}(?:\D|$))")  # no decimal sign
+_MEASURED = re.compile(r"^([+-]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eE][+-]?\d+)?)\s*([^\d\s].*)$")
+# the stamp of a terminal program or serial monitor before a line of the board
+LOGGED = re.compile(
+    r"^\[?((?:\d{4}-\d\d-\d\d[ T])?\d{1,2}:\d\d:\d\d(?:[.,:]\d{1,6})?)\]?(?:\s*->?\s*|\s*>\s*|[\t ]+)(?=\S)", re.M
+)
 _MINUS = str.maketrans({"\u2212": "-", "\u2013": "-"})
 _LINE_END = re.compile(r"\r\n|\r|\n")
 _NUL_INSIDE = re.compile(r"\x00(?=[^\x00\r\n])")
@@ -62,6 +71,9 @@ class Dialect:
     nuls: bool = False  # NUL bytes at the ends of lines, or of the file, are left out
     description: str = ""  # JSON in an export of ours
     form: str = ""  # of a file that is no text: Excel, MATLAB, ...
+    logged: bool = False  # a stamp of another program is before each line
+    interval_s: float = 0.0  # between rows without a column of the time, as the head says
+    noted: bool = False  # few rows have a comment behind the last column
 
 
 def sniff(path: Path, separator: str | None = None, skip: int = 0) -> Dialect:
@@ -88,27 +100,45 @@ def sniff(path: Path, separator: str | None = None, skip: int = 0) -> Dialect:
     lines = list(records(enumerate(split[skip : skip + HEAD_LINES], skip)))
     dialects = [dialect for dialect in DIALECTS if separator in (None, dialect[0])]
     scores = [_score([line for _, line in lines], *dialect) for dialect in dialects]
-    (score, width), (found, decimal) = max(scores), dialects[scores.index(max(scores))]
+    best = max(scores)
+    stamped = best[0] < 1.0 and any(LOGGED.match(line) for _, line in lines)
+    bare = [
+        _score([LOGGED.sub(rf"\1{sep}", line) for _, line in lines], sep, sign) for sep, sign in dialects if stamped
+    ]
+    if logged := bool(bare) and max(bare) > best:
+        best, scores = max(bare), bare
+    (score, width), (found, decimal) = best, dialects[scores.index(best)]
+    if logged:
+        lines = [(at, LOGGED.sub(rf"\1{found}", line)) for at, line in lines]
     if score <= 0:
         raise FileError(
             f"{path.name} holds no rows of numbers in columns",
-            "Choose a table with at least two columns of numbers.",
+            "Choose a table with at least two columns of numbers; what a board prints with words between its numbers "
+            "is read through a text profile.",
         )
     if width > MAX_COLUMNS:
         raise FileError(f"{path.name} has {width} columns, more than {MAX_COLUMNS}", "Check that it is the right file.")
-    dialect = replace(_dialect(lines, encoding, found, decimal, width), nuls=nuls)
+    dialect = replace(_dialect(lines, encoding, found, decimal, width), nuls=nuls, logged=logged)
     return _of_labview(dialect, split[:skip]) if split[0].startswith(_LVM) else dialect
 
 
 def _of_labview(dialect: Dialect, head: list[str]) -> Dialect:
-    """Return the dialect with the units that the head of a LabVIEW measurement states."""
-    stated = {cells[0]: cells[1:] for cells in (line.split(dialect.separator) for line in head)}
+    """Return the dialect with the units that the head of a LabVIEW measurement states, and the interval of its rows."""
+    rows = [cells_of(line, dialect.separator) or [""] for line in head]
+    stated = {cells[0]: [cell.strip() for cell in cells[1:]] for cells in rows}
     time = "s" if stated.get("X_Dimension", [""])[0] in ("Time", "") else ""
-    labels = iter([label.strip() for label in stated.get("Y_Unit_Label", [])])
+    labels = iter(stated.get("Y_Unit_Label", []))
     titles = (*dialect.header, *[""] * dialect.columns)[: dialect.columns]
     units = [time if title.startswith("X_Value") else next(labels, "") for title in titles]
     given = (*dialect.units, *[""] * dialect.columns)
-    return replace(dialect, units=tuple(own or unit for own, unit in zip(given, units, strict=False)))
+    units = [own or unit for own, unit in zip(given, units, strict=False)]
+    if stated.get("X_Columns", ["One"])[0] != "No":
+        return replace(dialect, units=tuple(units))
+    intervals = {number(cell, dialect.decimal) or 0.0 for cell in stated.get("Delta_X", []) if cell}
+    if len(intervals) > 1:
+        cause = "the channels have different intervals (" + ", ".join(f"{step:g} s" for step in sorted(intervals)) + ")"
+        raise FileError(f"{cause} and no columns of their times", "Save it with X columns (Multi), or one file a rate.")
+    return replace(dialect, units=tuple(units), interval_s=next(iter(intervals), 0.0))
 
 
 def without_heads(lines: Iterable[tuple[int, str]]) -> Iterator[tuple[int, str]]:
@@ -128,6 +158,7 @@ def number(cell: str, decimal: str) -> float | None:
         return math.nan
     if "_" in cell:
         return None
+    cell = _GROUPS.sub("", cell)
     if _GROUPED[decimal].match(cell):
         cell = cell.replace("," if decimal == "." else ".", "")
     if decimal == ",":
@@ -192,14 +223,21 @@ def _score(lines: list[str], separator: str, decimal: str) -> tuple[float, int]:
     return round(sum(shares) / len(rows), 3), width
 
 
+def measured(cell: str, decimal: str) -> tuple[float, str] | None:
+    """Return number and unit of a cell such as `0.02 sec`; None where it is something else."""
+    parts = _MEASURED.match(cell.strip())
+    value = number(parts[1], decimal) if parts and known_unit(parts[2]) else None
+    return None if parts is None or value is None else (value, parts[2])
+
+
 def _is_value(cell: str, decimal: str) -> bool:
-    return number(cell, decimal) is not None or is_stamp(cell)
+    return number(cell, decimal) is not None or is_stamp(cell) or measured(cell, decimal) is not None
 
 
 def _is_data(cells: list[str], decimal: str) -> bool:
     """True where most cells are numbers or stamps: a text column (a branch, a note) is allowed beside them."""
     values = [number(cell, decimal) for cell in cells]
-    stamps = sum(v is None and is_stamp(cell) for v, cell in zip(values, cells, strict=True))
+    stamps = sum(v is None and _is_value(cell, decimal) for v, cell in zip(values, cells, strict=True))
     numeric = stamps + sum(v is not None and not math.isnan(v) for v in values)
     words = sum(v is None for v in values) - stamps
     return len(cells) >= 2 and numeric >= 1 and numeric >= words
@@ -208,7 +246,8 @@ def _is_data(cells: list[str], decimal: str) -> bool:
 def _dialect(lines: list[tuple[int, str]], encoding: str, separator: str, decimal: str, width: int) -> Dialect:
     above: list[list[str]] = []
     comments: list[str] = []
-    data_line, bare_end = 0, False
+    data_line, bare_end, noted = 0, False, False
+    body = _body([line for _, line in lines], separator, decimal, width)
     for number_of, (at, line) in enumerate(lines):
         if is_comment(line):
             if line.strip():
@@ -217,11 +256,12 @@ def _dialect(lines: list[tuple[int, str]], encoding: str, separator: str, decima
                 comments.append(whole.strip().lstrip("".join(COMMENTS)).strip())
             continue
         cells = cells_of(line.lstrip("\ufeff"), separator)
+        noted = any(len(titles) == width + 1 and titles[-1].strip().lower() in _NOTES for titles in above)
         if (
-            len(cells) == width
+            len(cells) in (width, width + noted)
             and _is_data(cells, decimal)
             and _goes_on(width, lines[number_of + 1 :], separator, decimal)
-            and not (_is_title(cells, lines[number_of + 1 :], separator, decimal) and not any(map(_recognised, above)))
+            and not _is_preamble(cells[:width], body, decimal, titled=any(map(_has_titles, above)))
         ):
             data_line, bare_end = at, not cells[-1].strip()
             break
@@ -232,7 +272,20 @@ def _dialect(lines: list[tuple[int, str]], encoding: str, separator: str, decima
     if not titles or not any(map(_recognised, titles)):
         titles = [cells for cells in commented if any(number(cell, decimal) is None for cell in cells)] or titles
     header, units = _header(titles)
-    return Dialect(encoding, separator, decimal, data_line, header, units, tuple(comments), width)
+    steps = [number(unit, decimal) for title, unit in zip(header, units, strict=False) if title.lower() == "increment"]
+    interval_s = next(filter(None, steps), 0.0)
+    return Dialect(
+        encoding,
+        separator,
+        decimal,
+        data_line,
+        header,
+        units,
+        tuple(comments),
+        width,
+        noted=noted,
+        interval_s=interval_s,
+    )
 
 
 def _goes_on(width: int, below: Sequence[tuple[int, str]], separator: str, decimal: str) -> bool:
@@ -241,12 +294,24 @@ def _goes_on(width: int, below: Sequence[tuple[int, str]], separator: str, decim
     return not rows or any(len(row) == width and _is_data(row, decimal) for row in rows)
 
 
-def _is_title(cells: list[str], below: Sequence[tuple[int, str]], separator: str, decimal: str) -> bool:
-    """Return whether a row with numbers has a word where all of the next rows have numbers: a title such as 3."""
-    words = [k for k, cell in enumerate(cells) if not _is_value(cell, decimal)]
-    rows = [cells_of(line, separator) for _, line in below[:_BELOW] if not is_comment(line)]
-    rows = [row for row in rows if len(row) == len(cells)]
-    return bool(rows) and any(all(row[k].strip() and _is_value(row[k], decimal) for row in rows) for k in words)
+def _body(lines: list[str], separator: str, decimal: str, width: int) -> list[bool]:
+    """Return which columns hold numbers or stamps in most of the last rows of the head."""
+    rows = [cells_of(line, separator) for line in lines[-min(_BODY, (len(lines) + 1) // 2) :] if not is_comment(line)]
+    rows = [row for row in rows if len(row) == width and _is_data(row, decimal)]
+    filled = [[row[k] for row in rows if row[k].strip()] for k in range(width)]
+    return [bool(c) and sum(_is_value(cell, decimal) for cell in c) >= _MOSTLY * len(c) for c in filled]
+
+
+def _is_preamble(cells: list[str], body: list[bool], decimal: str, *, titled: bool) -> bool:
+    """Return whether a row with numbers has words where the rows of the table have numbers: a title such as 3.
+
+    Below titles a word such as OVLD is expected, but not in the first column or in half of them.
+    """
+    values = [bool(cell.strip()) and _is_value(cell, decimal) for cell in cells]
+    words = [bool(cell.strip()) and not value for cell, value in zip(cells, values, strict=True)]
+    wrong = any(word and of_table for word, of_table in zip(words, body, strict=True))
+    right = sum(value and of_table for value, of_table in zip(values, body, strict=True))
+    return wrong and (not titled or 2 * right <= sum(body) or (words[0] and body[0]))
 
 
 def _cells_of_comment(text: str, separator: str, width: int) -> list[str]:
@@ -266,10 +331,14 @@ def _recognised(titles: list[str]) -> int:
     return sum(recognised(*split_unit(cell)) is not None for cell in titles)
 
 
+def _has_titles(titles: list[str]) -> bool:
+    return any(recognised(*split_unit(cell)) is not None and not known_unit(cell) for cell in titles)
+
+
 def _header(titles: list[list[str]]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return titles and units: of the row with the most known titles, and of a row of units above or below it."""
     bare = [[cell.strip(' []()"') for cell in cells] for cells in titles]
-    are_units = [all(known_unit(cell) for cell in cells if cell) for cells in bare]
+    are_units = [_are_units([cell for cell in cells if cell]) for cells in bare]
     rows = [at for at in range(len(titles)) if not are_units[at]] or list(range(len(titles)))
     if not rows:
         return (), ()
@@ -285,3 +354,9 @@ def _header(titles: list[list[str]]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     for at in found[:1]:
         units = [unit or below for unit, below in zip(units, bare[at], strict=True)]
     return tuple(name for name, _ in split), tuple(units)
+
+
+def _are_units(cells: list[str]) -> bool:
+    """Return whether a row is one of units; an oscilloscope has the count of the rows and its interval beside them."""
+    known = sum(map(known_unit, cells))
+    return known == len(cells) or (cells[0].lower() in _COUNTED and known > 0)

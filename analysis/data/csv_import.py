@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from analysis.data import clocks
-from analysis.data.column_map import Column, ColumnMap, has_column, map_columns, too_many_sensors, unmapped
+from analysis.data.column_map import CHANNEL, Column, ColumnMap, has_column, map_columns, too_many_sensors, unmapped
 from analysis.data.column_names import PLAIN, is_signal
 from analysis.data.csv_table import Table, line_of_row, read_table
 from analysis.data.recording import META_KEYS, Recording
@@ -31,7 +31,6 @@ from protocol.recording import ExtraChannel, SampleFlag
 MAX_PROFILE_BYTES = 1_000_000
 MAX_SIDECAR_BYTES = 1 << 28
 MAX_COUNT = 65535
-_CHANNEL = "channel "  # of the names of extra channels among the columns
 _SINCE_1970 = (1e9, 4.1e9)  # s
 WHOLE_MAX = 2.0**53  # beyond it a float has no whole numbers of its own
 
@@ -244,7 +243,7 @@ def _run_values(
     if left_out:
         _note(meta, left_out)
     values = {name: column.values(table) for name, column in mapping.columns.items()}
-    values |= {f"{_CHANNEL}{at}": table.columns[at] for at in mapping.channels}
+    values |= {f"{CHANNEL}{at}": table.columns[at] for at in mapping.channels}
     if "time_s" in values:
         values, keep = _on_one_clock(path, table, mapping, values, meta)
         if begins := _begins(table, column := mapping.columns["time_s"], values["time_s"][keep]):
@@ -252,7 +251,7 @@ def _run_values(
             stamps = table.stamps.get(column.position)
             meta["import_stamps_s"] = clocks.resolution(column.values(table) if stamps is None else stamps.seconds)
     else:
-        meta["import_rate_hz"] = rate_hz
+        meta["import_rate_hz"] = rate_hz = rate_hz or (1.0 / mapping.interval_s if mapping.interval_s else None)
         values["time_s"] = np.arange(table.rows) / float(rate_hz or 1.0)
         keep = np.ones(table.rows, dtype=bool)
     if not keep.any():
@@ -277,7 +276,7 @@ def _assembled(values: dict[str, FloatArray], meta: dict[str, Any], path: Path) 
     """Return the recording of columns in our units."""
     if "simulated" in values:
         meta["simulated"] = bool(np.nanmax(values["simulated"]) > 0)
-    channels = [column for name, column in values.items() if name.startswith(_CHANNEL)]
+    channels = [column for name, column in values.items() if name.startswith(CHANNEL)]
     if "elongation_mm" in values:
         stated = ExtraChannel("displacement", "mm")
         meta |= {"elongation_channel": stated.column, "channels": [*meta.get("channels", ()), list(stated)]}
@@ -319,9 +318,8 @@ def _on_one_clock(
     if repeated:
         meta["repeated_times"] = repeated
         _note(meta, f"{repeated} rows left out: no time, or that of the row before")
-    if not mapping.clocks:
+    if not (moved := [values[name] for name in mapping.clocks if name == "pressure_kpa" or is_signal(name)]):
         return values | {"time_s": time_s}, keep
-    moved = [values[name] for name in mapping.clocks]
     inside = np.logical_and.reduce([np.isfinite(values) for values in moved])
     rows = np.flatnonzero(inside)
     if rows.size:  # before and after the other clock nothing is known
@@ -337,6 +335,11 @@ def _rising(path: Path, table: Table, column: Column, segment: FloatArray | None
         remedy = "Map another column, or state the rate of the rows (--rate HZ)."
         raise DataError(f"{path.name}: the time column holds no numbers", remedy)
     title = table.names[column.position]
+    stamps = table.stamps.get(column.position)
+    if stamps is not None and stamps.midnight and not stamps.zone:
+        time_s, jumps = clocks.without_summer_time(time_s, float(stamps.seconds[np.isfinite(stamps.seconds)][0]))
+        if jumps:
+            _note(meta, f"the clock {title!r} jumps by an hour at a full hour, as where summer time begins: taken out")
     begins = np.flatnonzero(np.diff(segment[rows]) != 0) + 1 if segment is not None else np.zeros(0, np.int64)
     fallen = [at for at in begins if time_s[rows[at]] < time_s[rows[at - 1]]]
     if fallen:
@@ -393,7 +396,10 @@ def _from_other_clock(
     known = order & np.isfinite(time_s)
     if known.any() and np.array_equal(own_s[known], time_s[known]):
         return dict(values)
-    _note(meta, f"two {what}: {', '.join(values)} interpolated at the times of the first")
+    moved_titles = [
+        table.names[int(name.removeprefix(CHANNEL))] if name.startswith(CHANNEL) else name for name in values
+    ]
+    _note(meta, f"two {what}: {', '.join(moved_titles)} interpolated at the times of the first")
     return moved
 
 

@@ -17,18 +17,22 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TextIO
+from warnings import catch_warnings, simplefilter
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
 from analysis.data.clocks import Stamps, is_stamp, read_stamps
+from analysis.data.column_names import known_unit, split_unit
 from analysis.data.csv_dialect import (
+    LOGGED,
     MAX_LINE_BYTES,
     MISSING,
     Dialect,
     cells_of,
     is_comment,
+    measured,
     number,
     records,
     sniff,
@@ -42,6 +46,7 @@ MOST_WARNINGS = 10
 MAX_BAD_SHARE = 0.05  # more broken rows than this and the file was not understood
 MOST_BROKEN = 10_000  # and more of them than whole rows: the rest is not read
 SHOWN_WORDS = 100  # cells of a text column that are tried as grouped numbers
+_ONE_GROUP = {sign: re.compile(rf"[+-]?[1-9]\d{{0,2}}[{other}]\d{{3}}") for sign, other in ((".", ","), (",", "."))}
 # pandas 3 reads decimals to the nearest double by itself and deprecates the option that older ones need for it
 _EXACT: dict[str, Any] = {} if int(pd.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
 
@@ -144,11 +149,8 @@ def _from_sheet(path: Path, skip: int) -> Table:
 
 def _from_columns(found: FileColumns) -> Table:
     dialect = Dialect("", "", ".", 0, found.names, found.units, (), len(found.names), form=found.kind)
-    dialect = replace(dialect, description=found.description)
-    said = []
-    if found.left_out:
-        text = f"{found.left_out} arrays of another length than {found.values[0].size} left out"
-        said.append(Warning(WarningCode.TABLE_CHOSEN, "", text))
+    dialect = replace(dialect, description=found.description, interval_s=found.interval_s)
+    said = [Warning(WarningCode.TABLE_CHOSEN, "", found.left_out)] if found.left_out else []
     return replace(_table(dialect, found.values, {}, said), stamps=found.stamps)
 
 
@@ -173,20 +175,37 @@ def _nuls(path: Path) -> Warning:
 
 
 def _with_clocks(table: Table) -> Table:
-    """Turn columns of stamps into seconds since the first, with a warning."""
+    """Turn columns of stamps into seconds since the first, `0.02 sec` into numbers, units into those of values."""
     columns, units, text, warnings = list(table.columns), list(table.units), dict(table.text), list(table.warnings)
     found: dict[int, Stamps] = {}
     for position, words in table.text.items():
         stamps = read_stamps(words)
-        if stamps is None:
-            continue
-        found[position] = stamps
-        columns[position], units[position] = since_first(stamps), "s"
-        del text[position]
-        cause = f"column {table.names[position]!r} holds {stamps.kind}: taken as seconds since its first"
-        warnings.append(Warning(WarningCode.CLOCK_COLUMN, "", cause))
+        if stamps is not None:
+            found[position] = stamps
+            columns[position], units[position] = since_first(stamps), "s"
+            del text[position]
+            cause = f"column {table.names[position]!r} holds {stamps.kind}: taken as seconds since its first"
+            warnings.append(Warning(WarningCode.CLOCK_COLUMN, "", cause))
+        elif (column := _plain_numbers(words, table.dialect.decimal)) is not None:
+            columns[position], unit = column
+            units[position] = units[position] or unit
+            del text[position]
+        elif position - 1 not in table.text and len(set(words)) == 1 and known_unit(words[0]):
+            units[position - 1] = units[position - 1] or words[0]  # a column of the unit behind that of the values
     warned = tuple(warnings)
     return replace(table, columns=tuple(columns), units=tuple(units), text=text, warnings=warned, stamps=found)
+
+
+def _plain_numbers(words: Sequence[str], decimal: str) -> tuple[npt.NDArray[np.float64], str] | None:
+    """Return a column of cells such as `0.02 sec` as numbers, and their unit; None where one is something else."""
+    if measured(next(filter(None, words), ""), decimal) is None:
+        return None
+    parts = [measured(word, decimal) if word else (np.nan, "") for word in words]
+    known = [part for part in parts if part is not None]
+    units = {unit for _, unit in known if unit}
+    return (
+        None if len(known) < len(parts) or len(units) != 1 else (np.array([value for value, _ in known]), units.pop())
+    )
 
 
 def since_first(stamps: Stamps) -> npt.NDArray[np.float64]:
@@ -220,7 +239,8 @@ def _names(dialect: Dialect) -> tuple[str, ...]:
 def _fast(path: Path, dialect: Dialect) -> pd.DataFrame | None:
     """Read with pandas' C parser; None where rows are ragged or a cell is neither number nor clean text."""
     try:
-        with _opened(path, dialect, "strict") as file:
+        with _opened(path, dialect, "strict") as file, catch_warnings():
+            simplefilter("error", pd.errors.ParserWarning)  # longer rows are cut
             for _ in range(dialect.data_line):  # by lines: a lone quotation mark above the data ends nothing
                 next(file)
             frame = pd.read_csv(
@@ -254,11 +274,12 @@ def _is_rectangular(path: Path, dialect: Dialect, rows: int) -> bool:
 
 
 def _opened(path: Path, dialect: Dialect, errors: str) -> TextIO:
-    """Return the text of a file, without NUL bytes."""
-    if not dialect.nuls:
+    """Return the text of a file, without NUL bytes; a separator behind the stamp of another program."""
+    if not (dialect.nuls or dialect.logged):
         return path.open(encoding=dialect.encoding, errors=errors, newline=None)
     text = path.read_bytes().decode(dialect.encoding, errors).replace("\0", "")
-    return io.StringIO(text.replace("\r\n", "\n").replace("\r", "\n"))
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    return io.StringIO(LOGGED.sub(rf"\1{dialect.separator}", text) if dialect.logged else text)
 
 
 def _lines(path: Path, dialect: Dialect) -> Iterator[tuple[int, str]]:
@@ -274,11 +295,14 @@ def _slow(path: Path, dialect: Dialect, *, torn: bool) -> Table:
     words: list[list[str]] = []
     places: list[int] = []
     warnings: list[Warning] = []
-    broken = line_number = 0
+    broken = repeated = line_number = 0
     for line_number, line in records(without_heads(_lines(path, dialect))):
         cells = cells_of(line, dialect.separator)
-        if len(cells) == width + 1 and not cells[-1].strip():
-            cells = cells[:width]  # a separator at the end of the line
+        if len(cells) == width + 1 and (dialect.noted or not cells[-1].strip()):
+            cells = cells[:width]  # a comment, or a separator at the end of the line
+        if [split_unit(cell)[0] for cell in cells] == [*dialect.header]:
+            repeated += 1
+            continue
         if len(cells) != width:
             broken += 1
             if len(warnings) < MOST_WARNINGS:
@@ -299,10 +323,12 @@ def _slow(path: Path, dialect: Dialect, *, torn: bool) -> Table:
         warnings = [*(one for one in warnings if not one.text.startswith(f"line {line_number}:")), _torn(line_number)]
     if dialect.nuls:
         warnings.append(_nuls(path))
+    if repeated:
+        warnings.append(Warning(WarningCode.RAGGED_ROW, "", f"{repeated} rows repeat the header: left out"))
     if not rows or broken > MAX_BAD_SHARE * (len(rows) + broken) + 2:
         first = "; ".join(warning.text for warning in warnings[:3])
         raise FileError(f"{path.name}: {broken} rows do not fit the columns; {first}", "Correct the file.")
-    table = np.asarray(rows)
+    table = _with_groups(np.asarray(rows), words, dialect.decimal)
     columns = tuple(np.ascontiguousarray(table[:, i]) for i in range(width))
     text = {i: [row[i] for row in words] for i in range(width) if _is_text([row[i] for row in words], columns[i])}
     names = _names(dialect)
@@ -313,6 +339,19 @@ def _slow(path: Path, dialect: Dialect, *, torn: bool) -> Table:
         if cell and i not in text
     ]
     return _table(dialect, columns, text, warnings, broken)
+
+
+def _with_groups(table: npt.NDArray[np.float64], words: list[list[str]], decimal: str) -> npt.NDArray[np.float64]:
+    """Return a table with 1.000 read as 1000 where the decimal sign is a comma and all other numbers are whole."""
+    group = _ONE_GROUP[decimal]
+    for i, column in enumerate(table.T):
+        at = [k for k, row in enumerate(words) if row[i]]
+        known = column[np.isfinite(column)]
+        if at and known.size and (known % 1 == 0).all() and all(group.fullmatch(words[k][i]) for k in at):
+            column[at] = [float(re.sub(r"[.,]", "", words[k][i])) for k in at]
+            for k in at:
+                words[k][i] = ""
+    return table
 
 
 def _is_text(words: list[str], values: npt.NDArray[np.float64]) -> bool:

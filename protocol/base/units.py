@@ -35,7 +35,8 @@ _PLAIN: Final = {
     "psi": ("pressure", KPA_PER_UNIT["psi"]), "mmHg": ("pressure", KPA_PER_UNIT["mmhg"]),
     "Torr": ("pressure", KPA_PER_UNIT["torr"]), "atm": ("pressure", KPA_PER_UNIT["atm"]),
     "cmH2O": ("pressure", 0.0980665), "mmH2O": ("pressure", 0.00980665), "inH2O": ("pressure", 0.24908891),
-    "inHg": ("pressure", 3.386389), "kgf/cm2": ("pressure", 98.0665), "in": ("length", 25.4),
+    "inHg": ("pressure", 3.386389), "mH2O": ("pressure", 9.80665), "ftH2O": ("pressure", 2.98898),
+    "ozf/in2": ("pressure", KPA_PER_UNIT["psi"] / 16), "kgf/cm2": ("pressure", 98.0665), "in": ("length", 25.4),
     "min": ("time", 60.0), "h": ("time", 3600.0), "d": ("time", 86400.0), "pF": ("capacitance", 1.0),
     "nF": ("capacitance", 1e3), "uF": ("capacitance", 1e6), "m3": ("volume", 1000.0), "%": ("ratio", 1.0),
     "ppm": ("ratio", 1e-4),
@@ -52,7 +53,9 @@ _SPELT: Final = {  # other spellings, in small letters
     "minute": "min", "minutes": "min", "minuten": "min", "hr": "h", "hrs": "h", "hour": "h", "hours": "h",
     "day": "d", "days": "d", "tage": "d", "pascal": "Pa", "pascals": "Pa", "kilopascal": "kPa", "kilopascals": "kPa",
     "millibar": "mbar", "bars": "bar", "kg/cm2": "kgf/cm2", "kgf/cm^2": "kgf/cm2", "kg/cm^2": "kgf/cm2",
-    "lbf/in2": "psi", "pounds per square inch": "psi", "inches h2o": "inH2O", "newton": "N",
+    "lbf/in2": "psi", "pounds per square inch": "psi", "inches h2o": "inH2O", "inwc": "inH2O",
+    "in wc": "inH2O", "inches of water": "inH2O",
+    "mmws": "mmH2O", "mws": "mH2O", "oz/in2": "ozf/in2", "dyn/cm2": "dPa", "kp/cm2": "kgf/cm2", "newton": "N",
     "newtons": "N", "ohms": "ohm", "kiloohm": "kohm", "kiloohms": "kohm", "millimeter": "mm", "millimeters": "mm",
     "millimetre": "mm", "millimetres": "mm", "micrometer": "um", "micrometre": "um", "micron": "um", "microns": "um",
     "n/mm2": "MPa", "n/m2": "Pa", "kn/m2": "kPa",
@@ -62,7 +65,8 @@ _SPELT: Final = {  # other spellings, in small letters
 _CASELESS: Final = (  # what a name in the wrong case means
     "Pa", "hPa", "kPa", "MPa", "bar", "mbar", "psi", "mmHg", "Torr", "atm", "V", "mV", "uV", "A", "mA", "m", "cm", "mm",
     "um", "s", "ms", "us", "min", "h", "degC", "degF", "K", "N", "mN", "kN", "Hz", "kHz", "W", "mW", "ohm", "kohm", "g",
-    "kg", "L/min", "mL/min", "lx", "mL", "ns", "cmH2O", "mmH2O", "inH2O", "inHg", "pF", "nF", "nm", "kgf/cm2",
+    "kg", "L/min", "mL/min", "lx", "mL", "ns", "cmH2O", "mmH2O", "inH2O", "mH2O", "ftH2O", "inHg", "pF", "nF", "nm",
+    "kgf/cm2",
 )  # fmt: skip
 
 
@@ -89,6 +93,8 @@ def find_unit(text: str) -> MeasurementUnit | None:
         .replace("²", "2")
     )
     name = name.strip("[]() ")
+    if name.lower().endswith(("h2o", "hg")):
+        name = re.sub(r"[ .]", "", name)  # mm Hg, in. H2O
     found = _exact(name) or _exact(_SPELT.get(name.lower(), ""))
     if found is None:
         found = next((_exact(known) for known in _CASELESS if known.lower() == name.lower()), None)

@@ -11,9 +11,10 @@ import pytest
 from analysis.data.boat_writer import first_difference, write_boat_file
 from analysis.data.csv_import import import_csv
 from protocol.base.errors import BoatDaqError
-from tests.field.truth import HEAD, Lines, Run, is_the_truth, put
+from tests.field.truth import HEAD, Lines, Run, are_the_truth, holds, is_the_truth, put
 
 NOON = datetime(2024, 5, 26, 11, 59, 30)
+_COMMAS = str.maketrans("._", ",,")
 
 FOLDER = {
     "m00_reference": "",
@@ -85,6 +86,24 @@ def two_loggers(run: Run) -> list[str]:
     return ["Time,Pressure (kPa),Timestamp,Signal (mV)", *(f"{a},{b}" for a, b in zip(rows, later, strict=True))]
 
 
+def beside(run: Run) -> list[str]:
+    """Return a column of dates and one of times of the day, decimal commas."""
+    lines = stamped("%d.%m.%Y;%H:%M:%S_{ms}", run, "")[1:]
+    return ["Datum;Uhrzeit;Druck (kPa);Signal (mV)", *(line.replace(",", ";").translate(_COMMAS) for line in lines)]
+
+
+def terminal(run: Run) -> list[str]:
+    """Return lines of a board without a clock behind the stamps of a terminal program."""
+    lines = stamped("%Y-%m-%d %H:%M:%S.{ms}", run, "")[1:]
+    return [f"{lines[0][:23]} -> p_kpa,s1_mv", *(line.replace(",", " -> ", 1) for line in lines)]
+
+
+def summer(run: Run, hours: float) -> list[str]:
+    """Return local stamps that jump after 30 s, at a full hour."""
+    jumped = Run(run.time_s + 3600 * hours * (run.time_s >= 30), run.pressure_kpa, run.signal_mv)
+    return stamped("%Y-%m-%d %H:%M:%S.{ms}", jumped)
+
+
 OWN: dict[str, tuple[Lines, str]] = {
     "days of Excel": (timed("{:.9f}", 1 / 86400, 45_000.5, title="Time"), "taken as d"),
     "days of MATLAB": (timed("{:.10f}", 1 / 86400, 739_000.25, title="datenum"), ""),
@@ -102,16 +121,26 @@ OWN: dict[str, tuple[Lines, str]] = {
     "a zone": (lambda run: stamped("%Y-%m-%dT%H:%M:%S.{ms}+02:00", run), ""),
     "German months": (german, ""),
     "two loggers": (two_loggers, "two clocks"),
+    "no title": (lambda run: stamped("%Y-%m-%d %H:%M:%S.{ms}", run, ",Pressure (kPa),S1 (mV)"), "taken as time"),
+    "a date beside the time": (beside, ""),
+    "durations with their unit": (timed("{:.6g} sec", 1, 0, title="Time"), ""),
+    "a stamp of the terminal program": (terminal, "dates and times"),
+    "summer time begins": (lambda run: summer(run, 1.0), "jumps by an hour"),
+    "summer time ends": (lambda run: summer(run, -1.0), "begins again at 3600 s"),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", OWN)
 def test_other_clocks(tmp_path: Path, run: Run, name: str) -> None:
-    """Each gives the known figures, and what was done is said."""
+    """Each has the samples of the run, or of other times its figures; what was done is said."""
     write, said = OWN[name]
     path = put(tmp_path, write(run))
-    is_the_truth(path, said)
-    write_boat_file(tmp_path / "a.boat", import_csv(path), original=path)
+    recording = import_csv(path)
+    if said in ("two clocks", "spread evenly"):
+        are_the_truth(recording, said)
+    else:
+        holds(recording, run, said)
+    write_boat_file(tmp_path / "a.boat", recording, original=path)
     assert first_difference(tmp_path / "a.boat") == ""
 
 

@@ -21,7 +21,7 @@ from boat_daq.workflows.run_files import import_capture
 from protocol.base.errors import BoatDaqError
 from protocol.text.proposal import propose
 from tests.boat_daq.viewmodels.helpers import DirectJob
-from tests.field.truth import Run, are_the_truth, is_the_truth, put
+from tests.field.truth import Run, are_the_truth, holds, is_the_truth, put
 
 NOON = datetime(2024, 5, 26, 12)
 HEAD = ("Time (s)", "Pressure (kPa)", "S1 (mV)")
@@ -166,6 +166,129 @@ def test_a_scope_is_mapped_by_number(tmp_path: Path, run: Run) -> None:
     with pytest.raises(BoatDaqError, match="no column was recognised as pressure_kpa, s1_mv"):
         import_csv(tmp_path / "scope.mat")
     is_the_truth(tmp_path / "scope.mat", columns={"pressure_kpa": "2:kPa", "s1_mv": "3:mV"})
+
+
+def lvm_without_times(path: Path, run: Run) -> None:
+    """Write a LabVIEW measurement without X columns, a comment in the first row."""
+    lvm(path, run)
+    lines = path.read_text(encoding="utf-8").replace("X_Columns\tOne", "X_Columns\tNo").splitlines()
+    rows = ["\t" + line.partition("\t")[2] for line in lines[14:]]
+    path.write_text("\n".join([*lines[:14], rows[0] + "\tbegin", *rows[1:]]) + "\n", encoding="utf-8")
+
+
+def hdf5_labels(path: Path, run: Run) -> None:
+    """Write a matrix with the titles of its columns, and their units."""
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        data = file.create_dataset(
+            "run/data", data=np.vstack([1e3 * run.time_s, run.pressure_kpa / 100, run.signal_mv])
+        )
+        data.attrs["columns"] = ["time", "pressure", "signal"]
+        data.attrs["units"] = np.array([b"ms", b"bar", b"mV"])
+
+
+def hdf5_frame(path: Path, run: Run) -> None:
+    """Write what pandas keeps of a frame with an index of stamps."""
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        group = file.create_group("df")
+        group["axis0"] = group["block0_items"] = np.array([b"Pressure (kPa)", b"S1 (mV)"])
+        group["block0_values"] = np.column_stack([run.pressure_kpa, run.signal_mv])
+        noon = np.datetime64(NOON, "ns").astype(np.int64)
+        group.create_dataset("axis1", data=noon + np.round(1e9 * run.time_s).astype(np.int64)).attrs["kind"] = (
+            b"datetime64"
+        )
+
+
+def netcdf(path: Path, run: Run) -> None:
+    """Write times by the CF conventions, and values named by their groups."""
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        for name, unit, values in (("pressure", "kPa", run.pressure_kpa), ("signal", "mV", run.signal_mv)):
+            group = file.create_group(f"entry/{name}")
+            group.create_dataset("time", data=1e3 * run.time_s).attrs["units"] = (
+                "milliseconds since 2024-05-26 11:59:30"
+            )
+            group.create_dataset("value", data=values).attrs["units"] = unit
+
+
+def mat_labels(path: Path, run: Run) -> None:
+    """Write a matrix, and the titles of its columns in a cell array."""
+    from scipy.io import savemat
+
+    data = np.column_stack([run.time_s, run.pressure_kpa, run.signal_mv])
+    savemat(path, {"data": data, "columns": np.array(HEAD, dtype=object)})
+
+
+def workbook_of_text(path: Path, run: Run) -> None:
+    """Write numbers as text with decimal commas, below a merged title."""
+    from openpyxl import Workbook
+
+    book = Workbook()
+    for row in (["Bench 3"], ["Zeit", "Druck", "Signal"], ["s", "kPa", "mV"]):
+        book.active.append(row)
+    book.active.merge_cells("A1:C1")
+    for row in zip(run.time_s, run.pressure_kpa, run.signal_mv, strict=True):
+        book.active.append([f"{value:.4f}".replace(".", ",") for value in row])
+    book.save(path)
+
+
+def parquet_index(path: Path, run: Run) -> None:
+    """Write a frame whose index of stamps has no name."""
+    import pandas as pd
+
+    index = pd.to_datetime(NOON) + pd.to_timedelta(np.round(run.time_s * 1e6), unit="us")
+    pd.DataFrame({HEAD[1]: run.pressure_kpa, HEAD[2]: run.signal_mv}, index=index).to_parquet(path)
+
+
+OTHERS = {"none.lvm": lvm_without_times, "labels.h5": hdf5_labels, "frame.h5": hdf5_frame, "cf.nc": netcdf,
+          "labels.mat": mat_labels, "text.xlsx": workbook_of_text, "index.parquet": parquet_index}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_titles_and_times_of_other_files(tmp_path: Path, run: Run, name: str) -> None:
+    """Titles in attributes, cells or groups, and times in an index or a head: the samples are those of the run."""
+    OTHERS[name](tmp_path / name, run)
+    holds(import_csv(tmp_path / name), run)
+
+
+@pytest.mark.parametrize("kind", ["groups", "rates", "lvm"])
+def test_channels_of_different_rates(tmp_path: Path, run: Run, kind: str) -> None:
+    """They are brought onto one clock with all that was measured beside them; without times both rates are named."""
+    import h5py
+
+    if kind == "lvm":
+        lvm_without_times(tmp_path / "a.lvm", run)
+        text = (tmp_path / "a.lvm").read_text(encoding="utf-8").replace("Delta_X\t0.02\t0.02", "Delta_X\t0.1\t0.02")
+        with pytest.raises(BoatDaqError, match=r"different intervals \(0.02 s, 0.1 s\)"):
+            import_csv(put(tmp_path, [text], "a.lvm"))
+        return
+    slow = {"pressure": ("kPa", run.pressure_kpa[::5]), "laser": ("mm", run.pressure_kpa[::5] * 0.08)}
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name, (unit, values) in (slow | {"signal": ("mV", run.signal_mv)}).items():
+            data = file.create_dataset(f"{'s' if name == 'signal' else 'p'}/{name}", data=values)
+            data.attrs["units"] = unit
+            if kind == "rates":
+                data.attrs["sample_rate"] = 50.0 if name == "signal" else 10.0
+        if kind == "groups":
+            file["p/time"], file["s/time"] = run.time_s[::5], run.time_s
+    found = import_csv(tmp_path / "a.h5")
+    assert "pressure_kpa interpolated at the times of the first" in "; ".join(found.meta["import_notes"])
+    np.testing.assert_allclose(found.channel[:, 0], 0.08 * found.pressure_kpa, atol=1e-9)
+    np.testing.assert_allclose(found.signal_mv[:, 0], run.signal_mv[: found.n])
+
+
+def test_arrays_of_another_rate_without_times_are_named(tmp_path: Path, run: Run) -> None:
+    """In the refusal, with their lengths."""
+    import h5py
+
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["time"], file["signal"], file["pressure"] = run.time_s, run.signal_mv, run.pressure_kpa[::5]
+    with pytest.raises(BoatDaqError, match=r"without times of their own, left out: pressure \(1020\)"):
+        import_csv(tmp_path / "a.h5")
 
 
 WRITERS = {"lab.xlsx": workbook, "v5.mat": mat, "simulink.mat": simulink, "v73.mat": mat73, "lab.h5": hdf5,

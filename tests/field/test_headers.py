@@ -9,7 +9,7 @@ import pytest
 
 from analysis.data.csv_import import import_csv, preview
 from protocol.base.errors import BoatDaqError
-from tests.field.truth import Lines, Run, is_the_truth, put
+from tests.field.truth import HEAD, Lines, Run, holds, is_the_truth, put
 
 FOLDER = {
     "m07_9_sensors": "9 sensors, of which a recording holds 8: s9_mv left out",
@@ -50,9 +50,9 @@ def headed(*head: str, form: str = "{:.3f},{:.4f},{:.4f}", factor: float = 1.0) 
 
 OWN: dict[str, Lines] = {
     "inches of water": headed("Time (s),Pressure (inH2O),S1 (mV)", factor=1 / 0.24908891),
-    "newtons a square": headed("Time (s),Pressure (N/mm2),S1 (mV)", factor=1e-3),
-    "squares": headed("Time (s),Pressure (kg/cm²),S1 (mV)", factor=1 / 98.0665),
-    "a word in the first row": headed("time_s,pressure_kpa,s1_mv", "0.000,0.0100,OVLD"),
+    "newtons a square": headed("Time (s),Pressure (N/mm2),S1 (mV)", factor=1e-3, form="{:.3f},{:.7f},{:.4f}"),
+    "squares": headed("Time (s),Pressure (kg/cm²),S1 (mV)", factor=1 / 98.0665, form="{:.3f},{:.6f},{:.4f}"),
+    "a word in the first row": headed("time_s,pressure_kpa,s1_mv", "0.000,0.0408,OVLD"),
     "a unit behind a word, gauge": headed("Elapsed Seconds,Pressure kPa (gauge),S1 mV"),
     "units in words": headed("Time,Pressure,Signal", "Seconds,Kilopascals,Millivolts"),
     "a row of units above": headed("s,kPa,mV", "Time,Pressure,Signal"),
@@ -62,13 +62,51 @@ OWN: dict[str, Lines] = {
     "letters for sensors": headed("Time (s),Pressure (kPa),Sensor A (mV)"),
     "numbers from zero": headed("Time (s),Pressure (kPa),CH0 (mV)"),
     "an empty first row": headed("Time (s),Pressure (kPa),S1 (mV)", ",,", ",,"),
-}
+    "feet of water": headed("Time (s),Pressure (ft H2O),S1 (mV)", factor=1 / 2.98898, form="{:.3f},{:.6f},{:.4f}"),
+    "a table above": headed("Root\tTitle\tGroups", "", "Group\tChannels\t", "Data\t2\t", "Time*\tp (kPa)\tSignal (mV)",
+                            form="{:.3f}\t{:.4f}\t{:.4f}"),
+    "settings as wide as the table": headed("Model,MSO24,", ",,", "Vertical Units,V,V", "Source,CH1,CH2", "Offset,0,0",
+                                            "TIME,Pressure (kPa),CH2 (mV)"),
+    "a setpoint before the pressure": headed("Time (s),Druck Soll (kPa),Druck Ist (kPa),S1 (mV)",
+                                             form="{0:.3f},20,{1:.4f},{2:.4f}"),
+    "units behind the numbers": headed("Time,Pressure,Signal", form="{:.3f} s,{:.4f} kPa,{:.4f} mV"),
+    "a column of the unit": headed("Time (s);p;Units;Signal;Units", form="{:.3f};{:.6f};bar;{:.4f};mV", factor=0.01),
+    "a header in each page": lambda run: [
+        line for k, row in enumerate(run.lines(head="")) for line in ([HEAD] * (k % 500 == 0) + [row])],
+    "Swiss numbers": lambda run: ["Zeit (s);Druck (Pa);Signal (mV)", *(
+        f"{t:.3f};{1e3 * p:,.1f};{y:,.4f}".replace(",", "'")
+        for t, p, y in zip(run.time_s, run.pressure_kpa, run.signal_mv, strict=True))],
+    "a title that is no known sensor": headed("Time (s),Pressure (kPa),Transducer (mV)"),
+    "an oscilloscope": headed("X,Pressure,CH2,Start,Increment,", "Sequence,KPA,mV,-3.0e+00,2.000000e-02",
+                              form="{0:.0f},{1:.4f},{2:.4f},,"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", OWN)
 def test_other_headers(tmp_path: Path, run: Run, name: str) -> None:
-    """Each gives the known figures."""
-    is_the_truth(put(tmp_path, OWN[name](run)))
+    """Each has the samples of the run."""
+    holds(import_csv(put(tmp_path, OWN[name](run))), run)
+
+
+def test_titles_that_are_numbers(tmp_path: Path, run: Run) -> None:
+    """The channels of an oscilloscope are mapped by number; a column without a unit is said to be taken as ours."""
+    path = put(tmp_path, headed("x-axis,1,2", "second,Volt,Volt", form="{:+.6E},{:+.6E},{:+.6E}", factor=0.1)(run))
+    holds(import_csv(path, columns={"pressure_kpa": "2*10:kPa", "s1_mv": "3:mV"}), run)
+    path = put(tmp_path, headed("time_s,A,B")(run))
+    holds(
+        import_csv(path, columns={"pressure_kpa": "A", "s1_mv": "B"}), run, "'B' is mapped without a unit: taken as mV"
+    )
+
+
+def test_two_pressures_are_a_choice(tmp_path: Path, run: Run) -> None:
+    """Which one is the actuator's nobody can tell; the same pressure in two units is one."""
+    lines = [f"{t:.3f},{2 * p:.4f},{p:.4f},{s:.4f}" for t, p, s in zip(run.time_s, run.pressure_kpa, run.signal_mv)]  # noqa: B905
+    path = put(tmp_path, ["time_s,Pressure A (kPa),Pressure B (kPa),s1_mv", *lines])
+    with pytest.raises(BoatDaqError, match=r"columns 2 \(Pressure A\) and 3 \(Pressure B\) may both be"):
+        import_csv(path)
+    holds(import_csv(path, columns={"pressure_kpa": "3"}), run)
+    both = [f"{t:.3f},{10 * p:.3f},{p:.4f},{s:.4f}" for t, p, s in zip(run.time_s, run.pressure_kpa, run.signal_mv)]  # noqa: B905
+    holds(import_csv(put(tmp_path, ["time_s,Pressure (mbar),Pressure (kPa),s1_mv", *both])), run)
 
 
 def test_lines_are_skipped_by_hand(tmp_path: Path, run: Run) -> None:

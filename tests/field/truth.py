@@ -85,6 +85,19 @@ def figures(recording: Recording) -> tuple[dict[str, float], list[str]]:
 _KNOWN: dict[tuple[bytes, ...], tuple[dict[str, float], list[str]]] = {}
 
 
+def holds(recording: Recording, run: Run, said: str = "") -> None:
+    """Check that a recording has the samples of a run, and that something is said of it."""
+    n = recording.n
+    assert abs(n - run.time_s.size) <= 1
+    np.testing.assert_allclose(recording.time_s, run.time_s[:n] - run.time_s[0], atol=2e-3)
+    np.testing.assert_allclose(recording.pressure_kpa, run.pressure_kpa[:n], atol=2e-3)
+    known = np.isfinite(recording.signal_mv[:, 0])
+    assert known.sum() >= n - 1
+    np.testing.assert_allclose(recording.signal_mv[known, 0], run.signal_mv[:n][known], atol=6e-3)
+    texts = [*recording.meta.get("import_notes", ()), *recording.meta.get("import_issues", ())]
+    assert not said or any(said in text for text in texts), texts
+
+
 def is_the_truth(path: Path, said: str = "", **options: Any) -> None:
     """Check that a file gives the known figures, and that something is said of it."""
     are_the_truth(import_csv(path, **options), said)

@@ -31,7 +31,7 @@ SECONDS ?= 600
 # Bytecode is kept: programs that tests start, and each of the tests' workers, would compile the same sources again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: delivered bundle wheel sbom lock demo quick test check nightly adversary chip bench docs pictures fuzz mutation faults audit setup setup-test system system-test compiled collected pages clean help
+.PHONY: delivered bundle wheel sbom lock demo quick test daily checked check nightly adversary chip bench docs pictures fuzz mutation faults audit setup setup-test system system-test compiled collected pages clean help
 
 help:            ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 14
@@ -44,9 +44,15 @@ quick: setup-test  ## half a minute: linters of what is not committed, types, th
 	test -z "$$changed" || { $(BIN)/ruff check -q $$changed && $(BIN)/ruff format -q --check $$changed && $(BIN)/mypy; }
 	@$(DAILY) -q -n 2 $(CORE)
 
-test: setup-test  ## five minutes: set up, then linters, types, import directions, documentation and the daily tests
-	@$(MAKE) --no-print-directory -j 2 check compiled collected pages
+test: setup-test  ## five minutes: set up, then the daily tests, linters, types, import directions and documentation
+	@$(MAKE) --no-print-directory -j 2 compiled collected
+	@$(MAKE) --no-print-directory -j 2 daily checked
+
+daily: setup-test  # what failed is run again, alone
 	@$(DAILY) -n $(JOBS) --dist worksteal; $(BIN)/python -m tests.repeat_failed $$?
+
+checked: setup-test  # beside the tests, on what their waiting leaves of the processor
+	@nice $(MAKE) --no-print-directory check pages
 
 check: setup-test
 	$(BIN)/ruff check .

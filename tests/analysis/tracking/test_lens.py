@@ -71,7 +71,6 @@ def photograph(
     return np.asarray(cv2.GaussianBlur(seen, (0, 0), 1.5), np.uint8)
 
 
-@pytest.mark.nightly
 @pytest.mark.skipif(sys.platform != "linux", reason="the peak memory of another process")
 @pytest.mark.fault(63, how="six photographs of 24 megapixels")
 def test_photographs_need_bounded_memory(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from analysis.calibration.adequacy import CurveVerdict
 from analysis.calibration_export.run_record import elongation_reader
 from analysis.conformity import Conformity
 from analysis.figures.acceptance import LimitStatement, against_published, judge, out_of_tolerance, worst_conformity
@@ -192,7 +193,7 @@ def verdict_of(analysis: Analysis, limits: Mapping[str, float] | None = None) ->
 
 
 def _doubts(analysis: Analysis, u_mm: float) -> tuple[str, ...]:
-    """Return what U is given in spite of: a sensor without U; holds that move, or a drift, by most of U."""
+    """Return what U is given in spite of: a sensor without U; a curve that misses; holds or a drift of most of U."""
     found = []
     for sensor, u in zip(analysis.sensors, analysis.u_elongation, strict=True):
         calibration, name = sensor.calibration, sensor_text(sensor.name)
@@ -203,6 +204,8 @@ def _doubts(analysis: Analysis, u_mm: float) -> tuple[str, ...]:
             continue
         low, high = calibration.x_range
         noticed_mv = _MOST_OF_U * float(np.nanmedian(u[:, 1])) * calibration.full_scale / (high - low)
+        if calibration.adequacy is not None and calibration.adequacy.verdict is CurveVerdict.INADEQUATE:
+            found.append(f"the curve of {name} is inadequate")
         if sensor.settling.most_mv > noticed_mv:
             found.append(f"the holds of {name} are not settled")
         elif abs(sensor.drift_mv) > noticed_mv:

@@ -27,6 +27,7 @@ WARM_UP_PERCENT = 0.1
 LEAST_LATER = 2
 """Cycles in the second half: one has no scatter to compare with."""
 _LEAST_FOR_TREND = 3
+_SHOW_DEPENDENCE = 30  # cycles: of fewer a random walk is often not noticed
 _DRAWS = 2_000
 """Of simulated cycles: their mean maximum is then known to a fortieth of its scatter."""
 POOLED = "pooled sd over cycles of all levels / FSO"
@@ -100,9 +101,13 @@ def _about_a_line(loops: Loops, sensor: int, means: FloatArray) -> Dependence:
 
 
 def _noted(figure: Figure, dependence: Dependence) -> Figure:
-    """Return the figure with the note that its cycles depend on one another, where they do."""
-    note = f"cycles depend on one another (correlation up to {dependence.rho:g}): the interval allows for it"
-    return replace(figure, note=note, reason=Reason.DEPENDENT) if dependence.noticed else figure
+    """Return the figure with the note that its cycles depend on one another, or the assumption that they do not."""
+    if dependence.noticed:
+        note = f"cycles depend on one another (correlation up to {dependence.rho:g}): the interval allows for it"
+        return replace(figure, note=note, reason=Reason.DEPENDENT)
+    if figure.n >= _SHOW_DEPENDENCE:
+        return figure
+    return replace(figure, definition=f"{figure.definition}; {figure.n} cycles are assumed to be independent")
 
 
 @dataclass(frozen=True, slots=True)

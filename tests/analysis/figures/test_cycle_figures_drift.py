@@ -101,6 +101,16 @@ def test_the_interval_of_the_drift_allows_for_cycles_that_depend_on_one_another(
     assert least <= np.mean(held) <= most
 
 
+def test_few_cycles_state_that_they_are_assumed_to_be_independent() -> None:
+    """Of 10 a random walk often goes unnoticed, of 30 hardly ever: the assumption is stated with the former."""
+    for cycles, stated in ((5, True), (10, True), (30, False)):
+        loops = loops_of(np.random.default_rng(1).standard_normal((cycles, 8)))
+        spread = repeatability(loops, 0, 250.0, np.ones((1, cycles)))["repeatability_percent_fso"]
+        for figure in (drift(loops, 0, 250.0), spread):
+            assert figure.reason is not Reason.DEPENDENT
+            assert figure.definition.endswith(f"; {cycles} cycles are assumed to be independent") == stated
+
+
 def test_dependence_is_said_where_it_is_noticed() -> None:
     """Figures over cycles carry the code; that of repeatability is wider than of the same cycles in another order."""
     rng = np.random.default_rng(2)

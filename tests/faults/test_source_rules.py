@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from functools import cache
 from pathlib import Path
 
@@ -54,8 +55,9 @@ def test_sql_values_are_parameters() -> None:
 def test_no_input_is_evaluated() -> None:
     """No pickle, YAML, eval or exec; arrays are loaded without objects, archives never unpacked into files."""
     forbidden = {"pickle", "marshal", "shelve", "yaml", "dill", "joblib", "cloudpickle", "tarfile"}
+    held = re.compile("|".join(forbidden | CALLS))
     for path, source in sources():
-        for node in ast.walk(ast.parse(source)):
+        for node in ast.walk(ast.parse(source)) if held.search(source) else ():
             names: set[str] = set()
             if isinstance(node, ast.Import):
                 names = {alias.name.split(".")[0] for alias in node.names}

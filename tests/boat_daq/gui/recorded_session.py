@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import functools
 from pathlib import Path
@@ -39,7 +40,14 @@ def filled_ring(
 
     The first of `channels` rises from 20 by 3 in the time, others have no value.
     """
-    ring = RingBuffer(sensors, mv_per_count=1.0, others=OtherChannels(channels, derived or DerivedColumns()))
+    return copy.deepcopy(_ring(seconds, seed, sensors, derived or DerivedColumns(), channels))
+
+
+@functools.cache
+def _ring(
+    seconds: float, seed: int, sensors: int, derived: DerivedColumns, channels: tuple[ExtraChannel, ...]
+) -> RingBuffer:
+    ring = RingBuffer(sensors, mv_per_count=1.0, others=OtherChannels(channels, derived))
     ring.target_kpa = 30.0
     samples = _samples(seconds, seed, sensors)
     if channels:

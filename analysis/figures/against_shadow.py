@@ -99,7 +99,7 @@ def measured_elongation(recording: Recording, sensors: Sequence[SensorAnalysis])
     """Return the elongation by each sensor's calibration, [n, sensors], NaN outside its range; may raise DataError."""
     if len(sensors) != recording.n_sensors:
         raise DataError(
-            f"the calibration has {len(sensors)} sensors, the run {recording.n_sensors}",
+            f"the run has {recording.n_sensors} signals, the calibration {len(sensors)}",
             "give a calibration of the same unit",
         )
     columns = []

@@ -130,7 +130,7 @@ def _lines(solved: SolvedState, found: Assessment) -> list[str]:
     ]
     elements = "{} x ({} + {})".format(*size.elements)
     if math.isfinite(solved.error_mm):
-        whose = "" if solved.default else ", at most, of 95 % of all actuators"
+        whose = "" if solved.measured else ", at most, of 95 % of all actuators"
         lines.append(f"error of the elongation by the mesh of {elements} elements: {solved.error_mm:.2g} mm{whose}")
     return lines
 
@@ -239,8 +239,9 @@ def states(
     Example: boat-daq shadow states --out curves.csv
     """
     load("analysis.shadow.model.states")
-    from analysis.shadow.model.states import guide_states, write_states
+    from analysis.shadow.model.states import check_suffix, guide_states, write_states
 
+    check_suffix(out)
     with progress_bar("solving"):
         found = guide_states(chosen_model(parameters, None))
     write_states(found, out)
@@ -327,6 +328,7 @@ def replay(
 
     Example: boat-daq shadow replay repeatability.boat --calibration calibration.boat --plot deviation.png
     """
+    load("analysis.figures.pipeline", "analysis.shadow.monitoring.replay")
     from analysis import analyse, find_cycles, load_recording
     from analysis.figures.against_shadow import measured_elongation
     from analysis.shadow.monitoring.replay import replay as compare

@@ -63,61 +63,47 @@ def chosen_shadow(parameters: Path | None) -> Shadow:
 
 @dataclass(frozen=True, slots=True)
 class SolvedState:
-    """A state, and how it was found.
-
-    Parameters
-    ----------
-    used : name of the model that solved it.
-    error_mm : error of the elongation by the mesh: measured on the default actuator, of another one that of 95 % of
-        all actuators; NaN on another mesh.
-    default : whether the actuator is the default one.
-    """
+    """A state, and how it was found: `used` is the name of the model."""
 
     model: FullModel
     solution: Solution
     used: str
     seconds: float
-    error_mm: float = math.nan
-    default: bool = True
+    default: bool = True  # whether the actuator is the default one, on its mesh
+
+    @property
+    def measured(self) -> bool:
+        """Return whether the error by the mesh was measured on this actuator, at such pressures."""
+        from analysis.shadow.model.full import FITTED_KPA
+
+        return self.default and FITTED_KPA[0] <= self.solution.pressure_kpa <= FITTED_KPA[1]
+
+    @property
+    def error_mm(self) -> float:
+        """Return the error of the elongation by the mesh: measured, or of 95 % of actuators; NaN on another mesh."""
+        from analysis.shadow.fem.parameters import ActuatorParameters
+        from analysis.shadow.model.full import MESH_ERROR_MM, MESH_ERROR_PERCENT
+
+        if not self.model.parametric or self.model.parameters.elements != ActuatorParameters().elements:
+            return math.nan
+        return MESH_ERROR_MM if self.measured else MESH_ERROR_PERCENT / 100.0 * abs(self.solution.elongation_mm)
 
 
 def solved_state(
-    pressure: float | None,
-    elongation: float | None,
-    model: str,
-    parameters: Path | None,
-    mesh: Path | None,
+    pressure: float | None, elongation: float | None, model: str, parameters: Path | None, mesh: Path | None
 ) -> SolvedState:
-    """Return the state at a pressure, at an elongation or at both, by the chosen model.
+    """Return the state at a pressure (kPa), at an elongation (mm) or at both, by the chosen model.
 
-    Parameters
-    ----------
-    pressure, elongation : kPa, mm; None where it is free.
-    parameters, mesh : files; None for the defaults.
-
-    Raises
-    ------
-    RequestError : outside the limits of the model.
+    Raises RequestError: outside the limits of the model.
     """
-    from analysis.shadow.fem.parameters import ActuatorParameters
-    from analysis.shadow.model.full import MESH_ERROR_MM, MESH_ERROR_PERCENT
-
     default = parameters is None and mesh is None
-
-    def error_mm(size: ActuatorParameters, elongation_mm: float) -> float:
-        if mesh is not None or size.elements != ActuatorParameters().elements:
-            return math.nan
-        return MESH_ERROR_MM if default else MESH_ERROR_PERCENT / 100.0 * abs(elongation_mm)
-
     if model == "full":
         full = chosen_model(parameters, mesh)
         full.check_limits(pressure, elongation)  # finds the limits, once for all states: not timed
         begun = time.perf_counter()
         solution = full.solve(pressure_kpa=pressure, elongation_mm=elongation)
-        error = error_mm(full.parameters, solution.elongation_mm)
-        return SolvedState(full, solution, "full", time.perf_counter() - begun, error, default)
+        return SolvedState(full, solution, "full", time.perf_counter() - begun, default)
     shadow = chosen_shadow(parameters)
     begun = time.perf_counter()
     solution, used = shadow.solution(elongation_mm=elongation, pressure_kpa=pressure)
-    error = error_mm(shadow.model.parameters, solution.elongation_mm)
-    return SolvedState(shadow.model, solution, used, time.perf_counter() - begun, error, default)
+    return SolvedState(shadow.model, solution, used, time.perf_counter() - begun, default)

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -41,13 +41,20 @@ def print_table(columns: Iterable[str], rows: Iterable[Iterable[str]], left: int
     out.print(table)
 
 
+class _Percent(TextColumn):
+    """The part that is done; nothing where it is unknown."""
+
+    def render(self, task: Task) -> Text:
+        return super().render(task) if task.total is not None else Text()
+
+
 @contextmanager
 def bar(label: str) -> Iterator[Callable[[float, float], None]]:
     """Show a progress bar on standard error, as `console.progress_bar`."""
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),
-        TextColumn("{task.percentage:>3.0f} %"),
+        _Percent("{task.percentage:>3.0f} %"),
         TimeElapsedColumn(),
         TimeRemainingColumn(),
     )

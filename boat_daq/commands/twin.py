@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, notify, present, progress_bar, show, show_table
+from boat_daq.commands.console import JsonOption, emit_json, load, notify, present, progress_bar, show, show_table
 from boat_daq.commands.options import RecordingArgument
 from boat_daq.commands.shadow_model import ParametersOption
 from boat_daq.engine.settings import UnitLibrary, load_settings
@@ -38,6 +38,7 @@ def accept(
 
     Example: boat-daq twin accept SA1.boat
     """
+    load("boat_daq.workflows.acceptance")
     from boat_daq.workflows.acceptance import accept_run
 
     with progress_bar("calibrating"):
@@ -75,6 +76,7 @@ def identify(
 
     Example: boat-daq twin identify SA1.boat
     """
+    load("boat_daq.workflows.unit_control")
     from dataclasses import replace
 
     from analysis.optics.scene.parameters import PAPER_OPTIMUM
@@ -84,7 +86,8 @@ def identify(
     chosen: dict[str, Any] = {} if parameters is None else {"actuator": read_parameters(parameters)}
     chosen |= {} if face is None else {"face": replace(PAPER_OPTIMUM, face=face).face}  # type: ignore[arg-type]  # checked
     recording, units = _recording(run)
-    twin = replace(identify_unit(recording, units), **chosen)
+    with progress_bar("identifying"):
+        twin = replace(identify_unit(recording, units), **chosen)
     _light(twin)
     if chosen:
         store_twin(units, twin)
@@ -105,11 +108,13 @@ def tune(run: RecordingArgument, as_json: JsonOption = False) -> None:
 
     Example: boat-daq twin tune step-test.boat
     """
+    load("analysis.elongation_control.dynamics", "analysis.data.boat_file", "boat_daq.workflows.unit_control")
     from analysis.elongation_control.dynamics import lag_figures
     from boat_daq.workflows.unit_control import tune_unit
 
     recording, units = _recording(run)
-    twin = tune_unit(recording, units)
+    with progress_bar("identifying"):
+        twin = tune_unit(recording, units)
     tuning = twin.tuning
     assert tuning is not None and tuning.lag is not None
     figures, margins = lag_figures(tuning.lag), tuning.margins
@@ -148,6 +153,7 @@ def hold(
 
     Example: boat-daq twin hold --port /dev/ttyACM0 --unit SA1 --mm 1.5 --seconds 20
     """
+    load("analysis.elongation_control.controller", "boat_daq.workflows.run_session")
     from boat_daq.commands.record import dated_name
     from boat_daq.engine.plan import Plan
     from boat_daq.workflows.run_session import SessionRequest, run_session
@@ -192,11 +198,12 @@ def dynamics(
 
     Example: boat-daq twin dynamics steps.boat --out dynamic-calibration.pdf
     """
+    load("boat_daq.workflows.unit_control")
     from analysis.elongation_control.dynamic_figures import BODE_HEADINGS
-    from boat_daq.engine.settings import UnitLibrary
     from boat_daq.workflows.unit_control import dynamics_of, report_dynamics
 
-    found = dynamics_of(UnitLibrary(), run)
+    with progress_bar("computing"):
+        found = dynamics_of(UnitLibrary(), run)
     if out is not None:
         report_dynamics(found, out)
         notify(f"wrote {out}")
@@ -228,6 +235,7 @@ def predict(
 
     Example: boat-daq twin predict SA1.boat --out predicted.csv
     """
+    load("analysis.signal_prediction.prediction", "boat_daq.workflows.unit_control")
     from analysis.signal_prediction.prediction import predict_run, published_prediction
     from boat_daq.workflows.unit_control import fusion_of, load_twin, predicted_sensors
     from protocol.base.errors import writing
@@ -236,8 +244,10 @@ def predict(
     recording, units = _recording(run)
     name = recording.unit
     twin, published = load_twin(units, name), published_prediction()
-    sensors = predicted_sensors(units, name, _light(twin))
-    found = predict_run(recording, twin.model, fusion_of(units, name), sensors)
+    light = _light(twin)
+    with progress_bar("predicting"):
+        sensors = predicted_sensors(units, name, light)
+        found = predict_run(recording, twin.model, fusion_of(units, name), sensors)
     if out is not None:
         with writing(out), written_whole(out) as part:
             found.frame.to_csv(part, index=False)

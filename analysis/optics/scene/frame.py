@@ -253,6 +253,8 @@ def _crotch(left: ArcSpline, right: ArcSpline, half: float, name: str) -> tuple[
             f"bow them apart by more than the guide's thickness of {2 * half:g} mm, or use a thinner guide",
         )
     if clear[0] == 0:
+        if np.hypot(*(left.nodes[0, :2] - right.nodes[0, :2])) < half:
+            raise DataError(f"{name}: the two guides cross", "let each guide stay on its side of the axis")
         raise DataError(
             f"{name}: the two guides do not meet at their junction", "let both curves share their end points"
         )

@@ -164,7 +164,7 @@ def _alike(step: float, jittered: bool) -> float:
     """Return the part by which squared differences of the next but one are larger than those of neighbours."""
     if not jittered:
         return math.exp(-step)
-    return (1.0 - _unlike(step, True)) * -math.expm1(-step) / _unlike(step, True)
+    return (1.0 - _unlike(step, jittered)) * -math.expm1(-step) / _unlike(step, jittered)
 
 
 @compiled

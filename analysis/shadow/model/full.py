@@ -27,7 +27,9 @@ VACUUM_KPA = -101.325
 FINE_ENOUGH = (8, 2, 2)
 """Least elements along a cell, across the wall and across the lattice for points within 0.05 mm (METHODS.md)."""
 MESH_ERROR_MM, MESH_ERROR_PERCENT = 0.0063, 2.8
-"""Error of the elongation by the mesh: of the default actuator, and of 95 % of actuators (METHODS.md)."""
+"""Error of the elongation by the mesh: of the default actuator over the pressures that it is fitted to, and of 95 % of
+actuators (METHODS.md)."""
+FITTED_KPA = (-40.0, 50.0)
 _WORST_CONDITION = 1e9
 """Condition number of the scaled tangent at rest: Newton's method met its tolerance at 4e8 and no longer at 3e9."""
 HIDDEN_SHARE = 1e-3
@@ -59,7 +61,7 @@ def check_values(pressure_kpa: float | None, elongation_mm: float | None) -> Non
         if value is not None and not math.isfinite(value):
             raise DataError(
                 f"the {name} is {value}, not a number",
-                "the calibration is NaN outside its range: check the reading, or leave it out",
+                "give a finite number; a calibration returns NaN outside its range",
             )
 
 

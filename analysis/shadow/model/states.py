@@ -24,7 +24,7 @@ from analysis.shadow.model.guides import both_guides
 from analysis.shadow.model.table import cache_folder, keep_arrays, load_arrays, write_arrays
 from analysis.version import program_version
 from protocol.base.arrays import FloatArray
-from protocol.base.errors import RequestError, writing
+from protocol.base.errors import ChoiceError, RequestError, writing
 from protocol.base.whole_file import write_whole
 
 _FORMAT = 1
@@ -117,12 +117,22 @@ def kept_states(
 
 
 def write_states(states: GuideStates, path: Path) -> None:
-    """Write the states as CSV or, by the suffix .npz, as arrays."""
+    """Write the states as CSV or, by the suffix .npz, as arrays.
+
+    Raises ChoiceError: another suffix.
+    """
+    check_suffix(path)
     with writing(path):
         if path.suffix.lower() == ".npz":
             write_arrays(path, states.arrays)
         else:
             write_whole(path, "\n".join([*_origin(states), HEADER, *_lines(states)]) + "\n")
+
+
+def check_suffix(path: Path) -> None:
+    """Reject the name of a file that would not be what it says."""
+    if path.suffix.lower() not in (".csv", ".npz"):
+        raise ChoiceError(f"{path} ends neither in .csv nor in .npz", "choose one of these formats")
 
 
 def _origin(states: GuideStates) -> list[str]:

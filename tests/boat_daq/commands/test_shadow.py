@@ -56,6 +56,8 @@ def test_the_error_by_the_mesh_is_the_measured_one(coarse: list[str], tmp_path: 
     found = call("shadow", "solve", "--pressure", "20", "--fidelity", "draft")
     assert found["error_mm"] == MESH_ERROR_MM
     assert call("shadow", "solve", "--pressure", "20", *coarse)["error_mm"] is None
+    beyond = call("shadow", "solve", "--pressure", "70")  # than what it was measured at
+    assert beyond["error_mm"] == pytest.approx(MESH_ERROR_PERCENT / 100 * beyond["elongation_mm"])
 
 
 def test_solve_at_an_elongation() -> None:
@@ -79,6 +81,7 @@ def test_solve_at_rest(words: list[str], coarse: list[str]) -> None:
         (["solve", "--pressure", "1", "--mesh", "x.vtu", "--model", "reduced"], 2),
         (["solve", "--pressure", "-80"], 1),
         (["solve", "--pressure", "nan"], 1),
+        (["states", "--out", "states.docx"], 1),
         (["solve", "--elongation", "1", "--parameters", "none.toml"], 1),
         (["solve", "--elongation", "1", "--mesh", "none.vtu"], 1),
         (["export", "--format", "stl", "--out", "x.stl"], 1),

@@ -31,6 +31,15 @@ def test_guides_that_touch_are_refused(bow: float, thickness: float, word: str) 
     assert refused.value.remedy
 
 
+def test_guides_that_cross_are_named_as_such() -> None:
+    """They share their ends: the remedy was to let them do so."""
+    part = np.linspace(0, 1, 9)
+    x = 10.0 * np.sin(2.0 * np.pi * part)
+    curves = np.array([[np.stack([side * x, 75 * part], axis=1) for side in (1.0, -1.0)]])
+    with pytest.raises(DataError, match="guides cross"):
+        frame_of(curves, 0, Waveguide())
+
+
 def test_a_bend_tighter_than_the_guide_is_refused() -> None:
     """Where an edge would fold over, the radius is named."""
     curves = bowed(12.5, 15)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from analysis.optics.scene.parameters import Design, Light, Waveguide
+from analysis.optics.scene.parameters import ALL, Design, Light, Waveguide
 from protocol.base.errors import RequestError
 
 
@@ -41,6 +41,7 @@ def test_parameters_outside_their_range_are_refused(change: dict[str, object], w
         lambda: Light(emission="laser"),
         lambda: Light(secondary=-2),  # type: ignore[arg-type]
         lambda: Light(path_cap_mm=float("inf")),
+        lambda: Light(secondary=ALL, faintest=0.0),  # it would never end
     ],
 )
 def test_unphysical_guide_and_light_are_refused(bad: object) -> None:

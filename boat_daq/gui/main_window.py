@@ -57,7 +57,7 @@ from boat_daq.viewmodels.common.services import PLACES, TABS, Page, Panel, Place
 from boat_daq.viewmodels.live.recording_status import RecordingStatus
 from boat_daq.viewmodels.live.run_model import UNDER_WAY
 
-_CALM_MS = 200
+_CALM_MS = 250
 FRAMES_MEAN = 0.1  # weight of the newest frame in their mean cost
 _LEAVE_S = 10.0  # two requests to close within it stop a run
 _FRAME = 48  # of the system around a window, at most

@@ -103,6 +103,7 @@ class AppModel:
 
     def _use_units(self, units: ShownUnits) -> None:
         self.live.units = self.runs.shown_units = self.sequence.units = self.readings.units = self.notices.units = units
+        self.camera.units = units
         self.calibration.show_units(units)
 
     def _use_fidelity(self, chosen: Fidelity) -> None:

@@ -23,6 +23,7 @@ import numpy as np
 
 from boat_daq.engine.plan import Plan, StepMark
 from protocol.base.errors import RequestError
+from protocol.base.units import Quantity, UnitText
 from protocol.recording.elongation_file import ElongationRow as FileReading
 from protocol.recording.elongation_file import read_elongation_rows
 
@@ -64,7 +65,7 @@ def match_readings(readings: Sequence[FileReading], steps: Sequence[StepMark]) -
 
 
 def _by_order(readings: Sequence[FileReading], plateaus: list[StepMark], near: float) -> dict[int, float]:
-    misfit = f"{len(readings)} rows for {len(plateaus)} plateaus"
+    misfit: str = f"{len(readings)} rows for {len(plateaus)} plateaus"
     for rows in (list(readings), _merged(readings)):
         for chosen in (plateaus, [step for step in plateaus if step.branch != "start"]):
             if len(rows) != len(chosen):
@@ -74,9 +75,10 @@ def _by_order(readings: Sequence[FileReading], plateaus: list[StepMark], near: f
             if wrong is None:
                 return {step.number: row.elongation_mm for row, step in pairs}
             row, step = wrong
-            misfit = f"line {row.line} has {row.pressure_kpa:g} kPa where the run has {step.target_kpa:g} kPa"
+            found, wanted = (Quantity(kpa, "kPa") for kpa in (row.pressure_kpa, step.target_kpa))
+            misfit = UnitText(f"line {row.line} has ", found, " where the run has ", wanted)
     remedy = "give one row for each plateau, in order; none was entered"
-    raise RequestError(f"the readings do not fit the plateaus: {misfit}", remedy)
+    raise RequestError(UnitText("the readings do not fit the plateaus: ", misfit), remedy)
 
 
 def _merged(readings: Sequence[FileReading]) -> list[FileReading]:
@@ -90,7 +92,8 @@ def _by_branch(readings: Sequence[FileReading], plateaus: list[StepMark], near: 
     for row in readings:
         step = _plateau_of(row, plateaus, near)
         if step is None:
-            cause = f"line {row.line}: no plateau at {row.pressure_kpa:g} kPa, cycle {row.cycle}, {row.branch}"
+            at = Quantity(row.pressure_kpa, "kPa")
+            cause = UnitText(f"line {row.line}: no plateau at ", at, f", cycle {row.cycle}, {row.branch}")
             raise RequestError(cause, "check cycle, branch (unloading or loading) and pressure; none was entered")
         found.setdefault(step.number, []).append(row.elongation_mm)
     return {number: sum(values) / len(values) for number, values in found.items()}

@@ -167,7 +167,7 @@ class CameraPanel(QWidget):
         self.virtual.setVisible(not is_open and bool(self.model.virtual()))
         for shown in (self.picture, self.values, self.line):
             shown.setVisible(is_open)
-        controls.set_text(self.value, f"{view.elongation} mm")
+        controls.set_text(self.value, view.elongation)
         controls.set_text(self.u, view.u)
         controls.set_text(self.line, view.line)
         controls.set_text(self.warning, f"\u25b2 {view.warning}" if view.warning else "")

@@ -269,6 +269,18 @@ class LivePlots(PlotCard):
         self.x_range(frame.low_s, frame.high_s)
         self._ranges(frame)
 
+    def x_range(self, low: float, high: float) -> None:
+        """Show [low, high] in the rows, with the links blocked: each would compute two views' geometry a frame."""
+        boxes = [plot.item.getViewBox() for plot in self.rows]
+        for box in boxes:
+            box.blockLink(True)
+        try:
+            for plot in self.rows:
+                plot.scroll(low, high)
+        finally:
+            for box in boxes:
+                box.blockLink(False)
+
     def _lines(self, frame: PlotFrame) -> list[tuple[Curve, FloatArray]]:
         """Return what each curve shows of a frame, those of hidden quantities aside."""
         columns, shown = frame.columns, [name for row in self._shown for name in row.all]

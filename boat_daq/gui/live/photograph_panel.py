@@ -25,7 +25,7 @@ from PySide6.QtGui import (
 )
 from PySide6.QtWidgets import QDialog, QGraphicsPixmapItem, QGraphicsScene, QGraphicsView, QWidget
 
-from boat_daq.formatting import number, plain_number
+from boat_daq.formatting import plain_number
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.file_dialogs import ask_open
@@ -202,7 +202,7 @@ class PhotographPanel(QDialog):
         text = self.state.instruction if waits or x is None else NO_PLATEAU
         question = f"   {self.run.readings.question(self.run.snapshot)}" if waits else ""
         controls.set_text(self.instruction, text + question)
-        self.value.setText(f"{number(x, 2, sign=True)} mm" if x is not None else NOTHING)
+        self.value.setText(self.run.readings.text(x) if x is not None else NOTHING)
         self.take.setEnabled(x is not None and waits)
         self.view.show_marks(self.state.clicks)
 

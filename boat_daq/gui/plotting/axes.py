@@ -40,6 +40,8 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
 
     _around: tuple[object, QRectF] | None = None
     _grid: QGraphicsPathItem | None = None
+    _step = 1.0  # of the ticks
+    _step_of: object = None  # of a time: span, length, unit and minute that the step is for
     _grid_shown: object = None  # ticks, length and theme of the grid as it is
     _grid_reach = (0.0, 0.0)  # where its lines begin and end
     _across: TickAxis | None = None  # whose lines lie along this axis
@@ -106,11 +108,15 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         minVal, maxVal = shown.value(minVal), shown.value(maxVal)
         span = maxVal - minVal
         below = self.orientation == "bottom"
-        step = axis.time_step(span) if self.time else axis.tick_step(span, math.inf if below else size)
-        if self.whole:
-            step = max(1.0, step)
-        while below and 0.0 < size < span / step * self._label_width(minVal, maxVal, step):
-            step = axis.next_step(step, time=self.time)
+        known = (round(span, 6), size, self._clock, int(maxVal // 60.0)) if self.time else None
+        if known is None or self._step_of != known:
+            step = axis.time_step(span) if self.time else axis.tick_step(span, math.inf if below else size)
+            if self.whole:
+                step = max(1.0, step)
+            while below and 0.0 < size < span / step * self._label_width(minVal, maxVal, step):
+                step = axis.next_step(step, time=self.time)
+            self._step, self._step_of = step, known
+        step = self._step
         first, last = math.ceil(minVal / step - ON_TICK), math.floor(maxVal / step + ON_TICK)
         return [(step, [(n * step - shown.offset) / shown.factor for n in range(first, last + 1)])]
 

@@ -188,18 +188,6 @@ class PlotCard(QFrame):
         for plot in self.plots[1:]:
             plot.item.setXLink(first)
 
-    def x_range(self, low: float, high: float) -> None:
-        """Show [low, high] in all plots, with the links blocked: each would compute two views' geometry a frame."""
-        boxes = [plot.item.getViewBox() for plot in self.plots]
-        for box in boxes:
-            box.blockLink(True)
-        try:
-            for plot in self.plots:
-                plot.x_range(low, high)
-        finally:
-            for box in boxes:
-                box.blockLink(False)
-
     def show_empty(self, text: str) -> None:
         """Show `text` in place of the plots, as empty axes look like data; an empty text shows the plots."""
         controls.set_text(self.empty_text, text)

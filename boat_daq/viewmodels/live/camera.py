@@ -11,11 +11,11 @@ from boat_daq.engine.session.camera_channel import FAULT_TEXTS, CameraChannel
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.simulator.picture import CameraScene
 from boat_daq.engine.snapshot import SessionSnapshot
-from boat_daq.formatting import count, number, plain_number
+from boat_daq.formatting import count, in_units, plain_number
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.workflows.camera_tracking import CameraChoice, open_channel
 from protocol.base.errors import RequestError
-from protocol.base.units import NOTHING
+from protocol.base.units import NOTHING, STORED_UNITS
 
 _SOURCE, MARK = "camera_source", "camera_mark_mm"
 LEARNING = "learning"
@@ -43,6 +43,7 @@ class CameraModel:
     def __init__(self, session: Session, preferences: Preferences, virtual: Callable[[], str] = lambda: "") -> None:
         self._session, self._preferences, self.virtual = session, preferences, virtual
         self.channel: CameraChannel | None = None
+        self.units = STORED_UNITS  # in which elongations are shown
 
     @property
     def source(self) -> str:
@@ -114,4 +115,5 @@ class CameraModel:
             text = "learning the marks' plane" if reading.fault == LEARNING else f"{cause}: {remedy}" if cause else ""
             return CameraView(state, line=line, warning=text[:1].upper() + text[1:])
         x_mm = reading.elongation_mm - self.channel.rest_mm
-        return CameraView(state, number(x_mm, 3, sign=True), f"u {number(reading.u_mm, 3)} mm", line)
+        u = in_units(self.units, "mm", reading.u_mm, 3).removeprefix("+")
+        return CameraView(state, in_units(self.units, "mm", x_mm, 3), f"u {u}", line)

@@ -20,6 +20,7 @@ from boat_daq.engine.session.reading_sources import (
     truth_at_plateaus,
 )
 from protocol.base.errors import FileError, RequestError
+from protocol.base.units import ShownUnits, in_shown_units
 
 PLAN = dataclasses.replace(built_in_plans()["calibration"], cycles=2)
 STEPS = [StepMark(n, s.cycle, s.branch, s.target_kpa, 10.0, 0, status="reached") for n, s in enumerate(PLAN.steps, 1)]
@@ -108,6 +109,7 @@ def test_a_file_that_does_not_fit_names_the_line(given: list[FileReading], part:
     with pytest.raises(RequestError) as refusal:
         match_readings(given, STEPS)
     assert part in refusal.value.cause
+    assert "kPa" not in in_shown_units(refusal.value.cause, ShownUnits.of("mbar"))
 
 
 def test_a_file_is_checked_before_anything_moves() -> None:

@@ -14,6 +14,7 @@ from boat_daq.engine.simulator.picture import FAULTLESS, CameraScene, Disturbanc
 from boat_daq.gui.live.readings_panel import BY_CAMERA
 from boat_daq.workflows import camera_tracking as choice
 from protocol.base.errors import DeviceError, RequestError
+from protocol.base.units import ShownUnits
 
 SCENE = CameraScene(width=160, height=120, px_per_mm=5.0)
 
@@ -65,6 +66,9 @@ def test_camera_shows_marks_and_elongation(panel, qtbot):
     qtbot.waitUntil(lambda: shown.model.view().u != "", timeout=20_000)
     shown.draw()
     assert shown.value.text() in {"0.000 mm", *(f"{sign}0.00{n} mm" for sign in "+\u2212" for n in range(8))}
+    shown.model.units = ShownUnits.of("in")
+    shown.draw()
+    assert (shown.value.text()[-3:], shown.u.text()[-3:]) == (" in", " in")
     assert len(shown.picture._outlines) == 2
     assert shown.source.isReadOnly()
     shown.grab()  # paints
@@ -79,7 +83,7 @@ def test_a_covered_mark_is_named(panel, qtbot):
     opened(Pictures(Disturbance(gain=1.7)))
     qtbot.waitUntil(lambda: "saturated" in shown.model.view().warning, timeout=20_000)
     shown.draw()
-    assert shown.value.text() == "\u2013 mm"
+    assert shown.value.text() == "\u2013"
     assert "reduce light or exposure" in shown.warning.text()
 
 

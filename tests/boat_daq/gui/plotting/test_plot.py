@@ -128,7 +128,8 @@ def test_linked_plots_show_the_same_range(qtbot):
     card.link_x()
     card.show()
     qtbot.waitExposed(card)
-    card.x_range(10.0, 20.0)
+    for plot in card.plots:
+        plot.scroll(10.0, 20.0)
     boxes = [plot.item.getViewBox() for plot in card.plots]
     assert [box.viewRange()[0] for box in boxes] == [[10.0, 20.0]] * 3
     boxes[0].setXRange(5.0, 8.0, padding=0)

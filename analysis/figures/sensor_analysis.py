@@ -84,6 +84,7 @@ OF_POINTS = (  # figures of the calibration's points; the others are those of th
 )  # fmt: skip
 
 
+_OWN_LOOP = "sensor_hysteresis_percent_fso"
 _LACK_OF_FIT = "lack_of_fit_percent_fso"  # a verdict on the curve, at the dwell or at rest
 ACTUATOR_DEGREE, ACTUATOR_LOOP_TERMS = 3, 4
 MOST_RESAMPLES = 200_000
@@ -324,7 +325,7 @@ def analyse_sensor(run: SegmentedRun, sensor: int, *, progress: Progress | None 
     settling = run.settling(sensor)
     drawn, system, own = _drawn(run, sensor, calibration, points, trend)
     if not settling.settled:
-        drawn = _with_rest(run, sensor, drawn, settling)
+        drawn = _with_rest(run, sensor, drawn, calibration, settling)
     drawn |= _over_cycles(raw, sensor, drawn)
     fso, figures = drawn["fso_mv"].value, _usable(run, sensor, drawn)
     if progress is not None:
@@ -345,14 +346,22 @@ def analyse_sensor(run: SegmentedRun, sensor: int, *, progress: Progress | None 
     )  # fmt: skip
 
 
-def _with_rest(run: SegmentedRun, sensor: int, figures: dict[str, Figure], settling: Settling) -> dict[str, Figure]:
-    """Return figures of holds that are not settled: of their dwell, with intervals that hold those at rest."""
+def _with_rest(
+    run: SegmentedRun, sensor: int, figures: dict[str, Figure], calibration: Calibration | None, settling: Settling
+) -> dict[str, Figure]:
+    """Return figures of holds that are not settled: of their dwell, with intervals that hold those at rest.
+
+    A loop that is reversed by what is left of the creep may be zero at rest.
+    """
     at_rest = run.with_change(sensor, settling.remaining_mv)
     points = np.flatnonzero(at_rest.calibration_points(sensor))
-    calibration = None
+    rested = None
     with suppress(BoatDaqError):  # a run without a calibration has none at rest either
-        calibration = _calibrate(at_rest, sensor, points)
-    rest = _drawn(at_rest, sensor, calibration, points, Trend())[0]
+        rested = _calibrate(at_rest, sensor, points)
+    rest = _drawn(at_rest, sensor, rested, points, Trend())[0]
+    loops = [_joint_loop(one.adequacy) for one in (calibration, rested) if one is not None]
+    if len(known := [loop for loop in loops if loop is not None]) == 2 and known[0].loop[0] * known[1].loop[0] < 0.0:
+        rest[_OWN_LOOP] = replace(rest[_OWN_LOOP], low=0.0)
     held = settling.held_s
     return {k: f if k == _LACK_OF_FIT else unsettled(f, rest.get(k, f), held) for k, f in figures.items()}
 
@@ -401,7 +410,7 @@ def _drawn(
         rng = np.random.default_rng((run.options.seed, 2))
         estimate = greatest_loop_width(joint, rng, max(WIDTH_DRAWS, run.weights.shape[0] // 4))
         figure = joint_hysteresis(estimate, own, fso, run.loops.n_cycles)
-        loops_figures["sensor_hysteresis_percent_fso"] = figure
+        loops_figures[_OWN_LOOP] = figure
     if trend.slope and fso > 0:
         half_s = 0.5 * float(np.median([np.ptp(run.recording.time_s[c.rows]) for c in run.cycles.used]))
         reach = 100.0 / fso * trend.reach * half_s

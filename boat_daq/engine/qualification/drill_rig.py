@@ -81,7 +81,9 @@ class DrillRig:
     @contextmanager
     def board(self, *faults: str, speed: float = SPEED) -> Iterator[ServedBoard]:
         """Serve a board with these faults."""
-        settings = BoardSettings(port=_PORT, speed=speed, faults=faults, truth=str(self.truth))
+        # a name of its own: while it is unplugged, another program's board may take its number
+        link = str(self.folder / "port") if _PORT == "pty" else None
+        settings = BoardSettings(port=_PORT, speed=speed, faults=faults, truth=str(self.truth), link=link)
         self.served.append(settings)
         with serve(settings) as board:
             yield board

@@ -70,6 +70,7 @@ class LinkSupervisor:
         self._since_s = 0.0  # of the present state
         self._lost: DeviceError | None = None  # the port, as the reading thread found it
         self._refused: tuple[str, str] | None = None  # the board: cause and remedy
+        self._said: tuple[str, str] | None = None  # of a board that is in place of the lost one
         self._expected_id: str | None = None  # of the board that was lost
         self._usb: PortInfo | None = None  # its USB device
         self._heard = False  # any byte on this port
@@ -217,7 +218,9 @@ class LinkSupervisor:
         elif self._greeted is None and up:
             again, self._seeking = self._seeking, False
             self.state = LinkState.UP
-            if self._usb is not None and not again:
+            if again:
+                self._tell(MessageKind.BOARD_FOUND, "info", f"{self.url} is connected again")
+            elif self._usb is not None:
                 self._connected(self._usb.usb_serial)
         elif self._greeted is None and no_samples is not None and waited_s > REFUSED_S:
             self._fail(*no_samples)
@@ -259,6 +262,9 @@ class LinkSupervisor:
         self._detach()
         if self._seeking:
             self.state, self._since_s = LinkState.LOST, self._clock_s()
+            if self._refused not in (None, self._said):
+                self._said = self._refused
+                self._tell(MessageKind.LINK_FAILED, "warning", cause, remedy, command)
             return
         self.error, self.state = LinkError(cause, remedy, command), LinkState.FAILED
         self._tell(MessageKind.LINK_FAILED, "error", *self.error)
@@ -270,7 +276,7 @@ class LinkSupervisor:
         with self._acting() as control:
             control.link_lost(error.cause)
             self._expected_id = control.hello.board_id if control.hello else None
-        self._seeking = True
+        self._seeking, self._said = True, None
         self.state, self._since_s = LinkState.LOST, self._clock_s()
 
     def _seek(self) -> None:
@@ -288,7 +294,6 @@ class LinkSupervisor:
         self.url = url
         self._attach(port)
         self._since_s, self.state = self._clock_s(), LinkState.OPENING
-        self._tell(MessageKind.BOARD_FOUND, "info", f"{self.url} is connected again")
 
     # ---- disconnecting ---------------------------------------------------------------------------------------------
 

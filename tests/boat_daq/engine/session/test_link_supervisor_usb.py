@@ -17,7 +17,9 @@ import pytest
 from boat_daq.engine.link import ports
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, UnitLibrary
-from boat_daq.engine.snapshot import LinkState
+from boat_daq.engine.snapshot import LinkState, MessageKind
+from protocol.link.framing import FrameReader
+from protocol.link.messages import MessageType
 from protocol.simulator.board import VirtualBoard
 from tests.conftest import reached
 
@@ -69,9 +71,9 @@ class Plug:
             os.close(self._slave)
 
 
-def boat() -> Callable[[bytes], bytes]:
+def boat(unit: str = "SA1") -> Callable[[bytes], bytes]:
     """A BOAT board at its own speed; the same identity each time."""
-    board = VirtualBoard()
+    board = VirtualBoard(unit)
 
     def turn(came: bytes) -> bytes:
         board.receive(came)
@@ -142,3 +144,33 @@ def test_usb_serial_number_is_stored_with_the_unit(monkeypatch, tmp_path):
 def port(name: Path, serial: str) -> SimpleNamespace:
     """A port as pyserial describes it."""
     return SimpleNamespace(device=str(name), description="", serial_number=serial, location="1-2:1.0")
+
+
+@pytest.mark.fault(11, how="another board on the port of the lost one", times=1)
+def test_another_board_on_the_same_port_is_refused_and_said_once(monkeypatch, tmp_path):
+    """It is asked who it is, and gets nothing else; the board itself is taken back."""
+    monkeypatch.setattr("boat_daq.engine.session.link_supervisor.SEEK_S", 0.1)
+    name = tmp_path / "port"
+    board, other, again = Plug(boat()), Plug(boat("SA2")), Plug(boat())
+    board.at(name)
+    try:
+        with session_in(tmp_path) as session:
+            session.connect(str(name), record_to=tmp_path / "run.boat")
+            session.wait_connected()
+            reached(session, lambda s: s.recorded_s > 0.1, PATIENCE_S)
+            board.pull()
+            session.wait(lambda s: s.link is LinkState.LOST, PATIENCE_S)
+            other.at(name)
+            said = reached(session, lambda s: "another board" in s.messages[-1].cause, PATIENCE_S)
+            tried = len(other.received)
+            while len(other.received) < 2 * tried:
+                time.sleep(0.01)
+            again.at(name)
+            seen = reached(session, lambda s: s.recorded_s > said.recorded_s + 0.1, PATIENCE_S)
+    finally:
+        for plug in (board, other, again):
+            plug.pull()
+    kinds = [message.kind for message in seen.messages]
+    assert (kinds.count(MessageKind.LINK_FAILED), kinds.count(MessageKind.BOARD_FOUND)) == (1, 1)
+    assert said.messages[-1].remedy == "connect SIMULATED-SA1 again"
+    assert {frame.type for frame in FrameReader().receive(other.received)} == {MessageType.IDENTIFY}

@@ -10,7 +10,16 @@ import pytest
 
 from analysis.tracking.lens import Picture
 from analysis.tracking.marks import Mark, PictureFault
-from analysis.tracking.tracker import LEARNED_PICTURES, MarkTracker, Optics, Plane, Tracked, similarity, square
+from analysis.tracking.tracker import (
+    LEARNED_PICTURES,
+    MarkTracker,
+    Optics,
+    Plane,
+    Tracked,
+    grid_ratio,
+    similarity,
+    square,
+)
 from boat_daq.engine.simulator.picture import FAULTLESS, CameraScene, Disturbance, Renderer
 from protocol.base.errors import DataError
 from tests.analysis.tracking.filmed_run import SMALL
@@ -120,6 +129,15 @@ def test_scale_from_the_grid_alone() -> None:
     tracker = MarkTracker(Optics(0.0))
     read(tracker, Renderer(SMALL), np.zeros(LEARNED_PICTURES))
     assert tracker.side_mm == pytest.approx(SMALL.mark_mm, rel=0.002)
+
+
+def test_grid_is_read_along_both_axes() -> None:
+    """Lines 1 mm apart in x and 1.08 mm apart in y, in a picture of 15 px/mm: the mean of both."""
+    x, y = np.meshgrid(np.arange(900) / 15.0, np.arange(600) / 15.0)
+    grey = np.where((x % 1.0 < 0.15) | (y % 1.08 < 0.15), 90, 210).astype(np.uint8)
+    to_mm = np.array([[1 / 15, 0.0, -20.0], [0.0, 1 / 15, -20.0], [0.0, 0.0, 1.0]])
+    plane = Plane(to_mm, np.array([15.0, 0.0]), np.array([1.0, 0.0]), 1 / 15, 0.0)
+    assert grid_ratio(grey, plane, 4.0) == pytest.approx((1.0 + 1 / 1.08) / 2, abs=0.003)
 
 
 def test_marks_that_contradict_the_grid_are_refused(renderer: Renderer) -> None:

@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from inspect import signature
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -91,6 +92,7 @@ class Client:
 
 def test_a_client_of_the_specification_reads_and_drives(session: Session, server: SecopServer) -> None:
     """Identification, description, reading, a pressure within limits, a run, a recording, VENT."""
+    assert signature(SecopServer).parameters["address"].default == ("127.0.0.1", 10767)
     client = Client(server.port).authenticated()
     client.send("*IDN?")
     assert client.line() == IDENT
@@ -269,8 +271,8 @@ def test_a_client_whose_computer_fails_has_left(server: SecopServer) -> None:
     options = [socket.TCP_KEEPIDLE, socket.TCP_KEEPINTVL, socket.TCP_KEEPCNT]
     idle_s, each_s, count = (connection.getsockopt(socket.IPPROTO_TCP, option) for option in options)
     assert connection.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE) == 1
-    assert idle_s + each_s * count <= 11
-    assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) == 11_000
+    assert 1000 * (idle_s + each_s * count) == connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT)
+    assert (idle_s, each_s, count) == (5, 2, 3)
     client.close()
 
 
@@ -445,13 +447,15 @@ def test_another_protocol_is_closed_at_its_first_line(session: Session, server: 
     except ConnectionResetError:
         assert server.refused == 1
     assert session.snapshot().last.state is BoardState.IDLE
-    assert server.requests == 0
+    assert (server.requests, server.refused) == (0, 1)
     stranger.close()
 
 
 def test_control_needs_the_token_on_this_computer_too(session: Session, server: SecopServer, tmp_path: Path) -> None:
     """Without it a client reads and vents; a wrong one is closed late; the user's own file is 0600, and made once."""
-    client, wrong = Client(server.port), Client(server.port)
+    driver, client, wrong = Client(server.port).authenticated(), Client(server.port), Client(server.port)
+    assert driver.ask("change pressure:target 5")[0] == "changed"
+    driver.close()
     assert client.ask("read s1:value")[0] == "reply"
     assert client.ask("change pressure:target 10")[2][0] == "Disabled"
     assert client.ask('do sequence:_arm "calibration"')[2][0] == "Disabled"
@@ -460,7 +464,10 @@ def test_control_needs_the_token_on_this_computer_too(session: Session, server: 
     wrong.send("_authenticate fedcba9876543210")
     assert "a token is required" in wrong.line()
     assert time.monotonic() - began_s >= 1.0
+    assert wrong.line() == ""
     assert server.refused == 1
+    assert server._left_s is not None
+    assert server._left_s <= began_s  # the dead-man time of the driver that left goes on
     assert client.authenticated().ask("change pressure:target 10")[0] == "changed"
     made = secop_server.own_token(tmp_path / "new" / "home" / "secop-token")
     assert secop_server.own_token(tmp_path / "new" / "home" / "secop-token") == made

@@ -15,6 +15,7 @@ from boat_daq.gui.live.readings_panel import BY_CAMERA
 from boat_daq.workflows import camera_tracking as choice
 from protocol.base.errors import DeviceError, RequestError
 from protocol.base.units import ShownUnits
+from tests.boat_daq.gui.recorded_session import connected
 
 SCENE = CameraScene(width=160, height=120, px_per_mm=5.0)
 
@@ -67,7 +68,7 @@ def test_camera_shows_marks_and_elongation(panel, qtbot):
     shown.draw()
     assert shown.value.text() in {"0.000 mm", *(f"{sign}0.00{n} mm" for sign in "+\u2212" for n in range(8))}
     shown.model.units = ShownUnits.of("in")
-    shown.draw()
+    shown.refresh(connected())
     assert (shown.value.text()[-3:], shown.u.text()[-3:]) == (" in", " in")
     assert len(shown.picture._outlines) == 2
     assert shown.source.isReadOnly()

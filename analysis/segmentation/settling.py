@@ -143,7 +143,8 @@ def _lags(steps: _Steps, tau: float, gamma: float = 0.0) -> FloatArray:
     It is the sum of the steps of the signal at rest, which itself is `gamma` lags ahead, each less its decay.
     """
     fades, decays = np.exp(-steps.settled_s / tau), np.exp(-steps.since_s / tau)
-    lags, lag, rest = [], 0.0, float("nan")
+    lags: list[float] = []
+    lag, rest = 0.0, float("nan")
     for signal, fade, decay in zip(steps.signal, fades.tolist(), decays.tolist(), strict=True):
         lag *= decay
         before = rest if lags else signal

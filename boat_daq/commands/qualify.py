@@ -29,13 +29,11 @@ def qualify(
     """Run the fault drills with the virtual board on this computer, and write a dated report to sign.
 
     Each drill injects a fault (loss, flips, unplug, stall, leak, lamp, e-stop, kill, slow disk) and compares the
-    recording with the board's true values; three more try LSL, SECoP and ROS 2 where their libraries are installed.
-    Takes one to two minutes; exits with code 1 if a criterion is not met. Everything is SIMULATED: program, computer,
-    disk and port are tested, not the lab's board.
+    recording with the board's true values; one drives it by SECoP. Takes one to two minutes; exits with code 1 if a
+    criterion is not met. Everything is SIMULATED: program, computer, disk and port are tested, not the lab's board.
 
     Example: boat-daq qualify --out qualification
     """
-    from boat_daq.commands.qualify_outlets import outlet_drills
     from boat_daq.commands.qualify_report import write_reports
     from boat_daq.engine.log import start_log
     from boat_daq.engine.qualification.drills import available, run_drill
@@ -43,7 +41,7 @@ def qualify(
 
     start_log("qualify")
     notify_shortcomings()
-    offered = (*available(), *outlet_drills())
+    offered = available()
     drills = _chosen(offered, only)
     begun = datetime.now().astimezone()
     work = out / f"qualification_{begun:%Y-%m-%d_%H%M%S}"

@@ -205,13 +205,6 @@ def small_font() -> QFont:
     return font(FONT_SMALL)
 
 
-def fixed_font() -> QFont:
-    """Return the system's font in which all letters have one width, for text of a device."""
-    result = QFontDatabase.systemFont(QFontDatabase.SystemFont.FixedFont)
-    result.setPixelSize(FONT_SMALL)
-    return result
-
-
 def text_width(of: QFont, text: str) -> int:
     """Return the width of `text` in a font, pixels."""
     return QFontMetrics(of).horizontalAdvance(text)

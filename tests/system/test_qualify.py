@@ -12,7 +12,6 @@ from typer.testing import CliRunner
 
 from boat_daq import __version__
 from boat_daq.cli import app
-from boat_daq.commands import qualify_outlets
 from boat_daq.engine.qualification import drills, result
 from boat_daq.engine.qualification.drill_rig import Criterion, DrillResult, DrillRig
 from boat_daq.engine.qualification.drills import available, run_drill
@@ -80,15 +79,9 @@ def failing(_rig: DrillRig) -> DrillResult:
     return DrillResult("failing", "a doctored criterion", (Criterion("is <b>never</b> kept", "no", False),), "all")
 
 
-@pytest.fixture(autouse=True)
-def no_outlets(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave the drills of the outlets out of whole qualifications: they are run one by one."""
-    monkeypatch.setattr(qualify_outlets, "outlet_drills", lambda: ())
-
-
 def test_clients_of_the_secop_node_pass(tmp_path: Path) -> None:
     """Read, refused, driven, vented: the drill of `qualify`."""
-    outcome = run_drill(qualify_outlets.secop, tmp_path / "secop")
+    outcome = run_drill(drills.secop, tmp_path / "secop")
     assert outcome.passed, broken(outcome)
 
 
@@ -184,7 +177,7 @@ def test_program_hash_depends_on_every_file(tmp_path: Path, monkeypatch: pytest.
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("drill", (*available(), *qualify_outlets.outlet_drills()), ids=lambda drill: drill.__name__)
+@pytest.mark.parametrize("drill", available(), ids=lambda drill: drill.__name__)
 def test_every_drill_passes_on_this_machine(drill: drills.Drill, tmp_path: Path) -> None:
     """All that `qualify` runs, on this machine."""
     outcome = run_drill(drill, tmp_path / drill.__name__)

@@ -12,7 +12,9 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import secrets
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -41,6 +43,7 @@ from protocol.base.errors import RecordingError
 from protocol.recording import BoardState
 
 _SECOND_KPA = 5.0
+_TOKEN = secrets.token_hex(16)
 ACKNOWLEDGED_S = 0.2  # of wall time: what a kill may cost
 _PLAN = Plan(
     name="drill", kind="continuous", cycles=2, ramp_kpa_per_s=20.0, settling_s=0.0, window_s=0.5, min_dwell_s=0.5,
@@ -244,9 +247,67 @@ def busy(rig: DrillRig) -> DrillResult:
     return found.result("busy", "eight programs that compute for 6 s", held, found.vented, found.nothing_lost)
 
 
+def secop(rig: DrillRig) -> DrillResult:
+    """A SECoP client reads, is refused, drives, and vents."""
+    from boat_daq.engine.outlets.secop_node import SecopNode
+    from boat_daq.engine.outlets.secop_server import CLIENTS, SecopServer
+
+    with rig.board() as board, rig.recording(board) as session:
+        session.wait(lambda s: s.last is not None, WAIT_S)
+        readers = SecopServer(SecopNode(session, rig.folder), ("127.0.0.1", 0))
+        drivers = SecopServer(SecopNode(session, rig.folder, allow_control=True), ("127.0.0.1", 0), token=_TOKEN)
+        try:
+            ident = _answers(drivers.port, "*IDN?")[0]
+            refused = _answers(readers.port, "change pressure:target 10")[0]
+            unasked = _answers(drivers.port, "change pressure:target 10")[0]
+            beyond = _answers(drivers.port, f"_authenticate {_TOKEN}", "change pressure:target 1000")[1]
+            _answers(drivers.port, f"_authenticate {_TOKEN}", "change pressure:_ramp 50", "change pressure:target 10")
+            held = session.wait(lambda s: s.last is not None and s.last.state is BoardState.HOLDING, WAIT_S)
+            with contextlib.ExitStack() as idle:  # they take all places
+                for _ in range(CLIENTS):
+                    taken = idle.enter_context(socket.create_connection(("127.0.0.1", readers.port), timeout=WAIT_S))
+                    taken.sendall(b"ping 1\n")
+                    taken.recv(100)
+                vented = _answers(readers.port, "do vent:_vent")[0]
+            seen = session.wait(lambda s: s.last is not None and s.last.state is BoardState.VENTED, WAIT_S)
+            session.wait(lambda s: s.last is not None and abs(s.last.pressure_kpa) < 0.5, WAIT_S)
+        finally:
+            readers.close()
+            drivers.close()
+    found = compare(rig)
+    reached = held.last is not None and abs(held.last.pressure_kpa - 10) < 1.5
+    at_rest = seen.last is not None and seen.last.state is BoardState.VENTED and seen.state is SessionState.IDLE
+    return found.result(
+        "secop",
+        "SECoP clients read, are refused, drive and vent",
+        Criterion("the node identifies itself", ident, "SECoP" in ident),
+        Criterion("a client without control is refused", refused, '"ReadOnly"' in refused),
+        Criterion("a client without the token is refused", unasked, '"Disabled"' in unasked),
+        Criterion("a pressure beyond the limits is refused", beyond, '"RangeError"' in beyond),
+        Criterion("a client with control drives the pressure", f"{held.last and held.last.pressure_kpa}", reached),
+        Criterion(
+            "VENT is obeyed without control, where all places are taken", vented, vented.startswith("done") and at_rest
+        ),
+        found.vented,
+        found.nothing_lost,
+    )
+
+
+def _answers(port: int, *requests: str) -> list[str]:
+    """Return the answers to requests of one client, in order."""
+    with socket.create_connection(("127.0.0.1", port), timeout=WAIT_S) as client, client.makefile("rw") as lines:
+        found = []
+        for request in requests:
+            lines.write(request + "\n")
+            lines.flush()
+            found.append(lines.readline().strip())
+        return found
+
+
 Drill = Callable[[DrillRig], DrillResult]
 DRILLS: tuple[Drill, ...] = (
-    loss, flips, unplug, pump_stall, leak, ambient_flash, estop, kill, host_stall, slow_disk, latest_pressure, busy
+    loss, flips, unplug, pump_stall, leak, ambient_flash, estop, kill, host_stall, slow_disk, latest_pressure, busy,
+    secop,
 )  # fmt: skip
 
 

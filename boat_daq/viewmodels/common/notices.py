@@ -15,9 +15,11 @@ from datetime import datetime
 from enum import IntEnum
 from pathlib import Path
 from time import monotonic
+from typing import Any
 
 from boat_daq.engine.log import note_failure
 from boat_daq.engine.snapshot import LinkState, MessageKind, SessionSnapshot
+from boat_daq.workflows.jobs import Job, JobState
 from protocol.base.errors import cause_and_remedy
 from protocol.base.units import STORED_UNITS, in_shown_units
 
@@ -115,6 +117,17 @@ class Notices:
     def inform_saved(self, path: Path) -> None:
         """Add that a file was written."""
         self.add(Severity.INFORMATION, f"Saved {path.name}", saved=path)
+
+    def ended(self, done: Callable[[Any], object]) -> Callable[[Job], None]:
+        """Return what takes a job that has ended: its failure becomes a warning, its result goes to `done`."""
+
+        def take(job: Job) -> None:
+            if job.failure is not None:
+                self.add(Severity.WARNING, job.failure.cause, job.failure.remedy, details=job.failure.details)
+            elif job.state is JobState.DONE:
+                done(job.result)
+
+        return take
 
     def history_text(self) -> str:
         """Return all messages, the newest first: time, severity, cause and remedy."""

@@ -283,29 +283,21 @@ class CalibrationModel:
         if self.result is None or not self.exports():
             raise RequestError("there is no calibration yet", "Analyse a run with readings first.")
         run, notices = Path(self.result.path), self._services.notices
-
-        def ended(job: Job) -> None:
-            if job.failure is not None:
-                notices.add(Severity.WARNING, job.failure.cause, job.failure.remedy, details=job.failure.details)
-            elif job.state is JobState.DONE:
-                notices.inform_saved(target)
-
         label = f"Exporting the calibration of {run.name}"
         job = Job(label, export_calibration, run, target, curve=self.result.curve)
-        self.jobs.start("calibration export", job, ended)
+        self.jobs.start("calibration export", job, notices.ended(lambda _: notices.inform_saved(target)))
 
     def prepare_control(self, path: Path) -> None:
         """Identify a run's unit for the control of its elongation, or tune it by a step test, in the background."""
         notices = self._services.notices
 
-        def ended(job: Job) -> None:
-            if job.failure is not None:
-                notices.add(Severity.WARNING, job.failure.cause, job.failure.remedy, details=job.failure.details)
-            elif job.state is JobState.DONE:
-                self.units_revision += 1  # predicted signals are shown from now on
-                notices.inform(str(job.result))
+        def done(found: object) -> None:
+            self.units_revision += 1  # predicted signals are shown from now on
+            notices.inform(str(found))
 
-        self.jobs.start("control", Job(f"Identifying from {path.name}", prepare_control, path, self.units), ended)
+        self.jobs.start(
+            "control", Job(f"Identifying from {path.name}", prepare_control, path, self.units), notices.ended(done)
+        )
 
     def samples(self) -> bool:
         """Return whether the posterior of the curves that are shown can be sampled: a spline has none."""
@@ -314,11 +306,10 @@ class CalibrationModel:
         return all(sensor.record.fit["curve"] != SPLINE for sensor in self.result.sensors)
 
     def _sampled(self, job: Job) -> None:
-        if job.state is JobState.DONE:
-            self.posterior = job.result
-        elif job.failure is not None:  # of the bands alone: the calibration stays as it is
-            notice = job.failure
-            self._services.notices.add(Severity.WARNING, notice.cause, notice.remedy, details=notice.details)
+        def done(found: Any) -> None:
+            self.posterior = found
+
+        self._services.notices.ended(done)(job)  # a failure is of the bands alone: the calibration stays as it is
         self.revision += 1
 
     # ---- texts of the page ---------------------------------------------------------------------------------------

@@ -6,7 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from analysis.certificates.laboratory import Laboratory
-from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.results.metadata import FIELDS, MetadataModel
 from boat_daq.workflows.certificate import (
@@ -85,11 +84,5 @@ class CertificateModel:
         """Write PDF and XML in the background, beside each other."""
         targets = (target.with_suffix(".pdf"), target.with_suffix(".xml"))
         job = Job("Writing the certificate", write_certificates, self._order, targets)
-
-        def ended(job: Job) -> None:
-            if job.failure is not None:
-                self._notices.add(Severity.WARNING, job.failure.cause, job.failure.remedy, details=job.failure.details)
-            elif job.state is JobState.DONE:
-                self._notices.inform_saved(targets[0])
-
-        self._jobs.start("certificate files", job, ended)
+        saved = self._notices.ended(lambda _: self._notices.inform_saved(targets[0]))
+        self._jobs.start("certificate files", job, saved)

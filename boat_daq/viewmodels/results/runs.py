@@ -27,14 +27,14 @@ from boat_daq.engine.recording.summary import is_simulated
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.formatting import count, number, plain_number
-from boat_daq.viewmodels.common.notices import Notices, Severity
+from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.common.services import Change, UndoHistory
 from boat_daq.viewmodels.results.metadata import MetadataModel
 from boat_daq.viewmodels.results.run_entry import MOST_COMPARED, RunEntry, read_run, sort_key
 from boat_daq.viewmodels.results.run_result import CurveBands, RunResult, compare_runs
 from boat_daq.viewmodels.results.unit_over_time import UnitOverTimeModel
 from boat_daq.workflows.calibration_in_force import accepted_records, record_of
-from boat_daq.workflows.jobs import Job, JobRunner, JobState
+from boat_daq.workflows.jobs import Job, JobRunner
 from boat_daq.workflows.run_files import add_marker, export_run, report_runs
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import RequestError
@@ -268,16 +268,12 @@ class RunsModel:
         )  # fmt: skip
         self.start("report", job, lambda _: self._notices.inform_saved(target))
 
-    def start(self, name: str, job: Job, done: str | Callable[[Any], None]) -> None:
-        """Run a job; report a failure, or its end by a notice or a function of its result."""
+    def start(self, name: str, job: Job, done: Callable[[Any], object]) -> None:
+        """Run a job; report a failure, or call a function with its result."""
+        take = self._notices.ended(done)
 
         def ended(job: Job) -> None:
-            if job.failure is not None:
-                self._notices.add(Severity.WARNING, job.failure.cause, job.failure.remedy, details=job.failure.details)
-            elif job.state is JobState.DONE and isinstance(done, str):
-                self._notices.inform(done)
-            elif job.state is JobState.DONE and not isinstance(done, str):
-                done(job.result)
+            take(job)
             self.scan()
 
         self.jobs.start(name, job, ended)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.formatting import number
-from boat_daq.viewmodels.common.notices import Notices, Severity
-from boat_daq.workflows.jobs import Job, JobRunner, JobState
+from boat_daq.viewmodels.common.notices import Notices
+from boat_daq.workflows.jobs import Job, JobRunner
 from boat_daq.workflows.unit_history import UnitOverTime, load_unit_over_time, report_unit
 from protocol.base.units import NOTHING, STORED_UNITS, ShownUnits, as_text
 
@@ -49,10 +47,11 @@ class UnitOverTimeModel:
         self.found: UnitOverTime | None = None
         self.failed = ""
         label = f"Reading the calibrations of {name}"
-        self._start("unit over time", Job(label, load_unit_over_time, units, name), self._take)
+        jobs.start("unit over time", Job(label, load_unit_over_time, units, name), self._take)
 
-    def _take(self, found: UnitOverTime) -> None:
-        self.found = found
+    def _take(self, job: Job) -> None:
+        self.found, self.failed = job.result, job.failure.cause if job.failure is not None else ""
+        self._notices.ended(lambda _: None)(job)
 
     @property
     def title(self) -> str:
@@ -63,14 +62,4 @@ class UnitOverTimeModel:
         """Write the report of the unit, HTML or PDF, in the background."""
         job = Job(f"Making the report of {self.name}", report_unit, self.units, self.name, target)
         job.target = target
-        self._start("unit report", job, lambda _: self._notices.inform_saved(target))
-
-    def _start(self, slot: str, job: Job, done: Callable[[Any], None]) -> None:
-        def ended(job: Job) -> None:
-            if job.failure is not None:
-                self.failed = job.failure.cause
-                self._notices.add(Severity.WARNING, job.failure.cause, job.failure.remedy, details=job.failure.details)
-            elif job.state is JobState.DONE:
-                done(job.result)
-
-        self._jobs.start(slot, job, ended)
+        self._jobs.start("unit report", job, self._notices.ended(lambda _: self._notices.inform_saved(target)))

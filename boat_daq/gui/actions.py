@@ -154,7 +154,7 @@ def view(window: MainWindow) -> list[Command]:
         add("Freeze or follow the plot", "Space", live.model.toggle_freeze, is_measure, also="hold pause picture"),
         seldom("Show the whole session", partial(live.model.set_window, math.inf)),
         add("Overlay the last cycles", "", live.toggle_overlay),
-        add("Layout of the plots …", "", live.show_layout, apart=True, also="hide order overlay axis curves xy"),
+        add("Usual layout of the plots", "", live.use_usual_layout, apart=True, also="hidden axis show all"),
         add("Units of the values …", "", show_units, also=every),
         add("Derived channels …", "", edit_derived, also="expression formula ratio virtual channel"),
         seldom("Copy the plot", partial(export_plot, "copy"), also="screenshot clipboard"),

@@ -127,7 +127,6 @@ class MainWindow(QMainWindow):
             self.pages[name] = page
             self.scrolls[name].setWidget(page)
             for plots in page.findChildren(PlotCard):
-                plots.keep_heights(self.model.preferences)
                 plots.copy_wanted.connect(self.copy_plot)
                 plots.save_wanted.connect(self.save_plot)
             self._paint(page)

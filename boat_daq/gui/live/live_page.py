@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cached_property, partial
 
 from PySide6.QtCore import Qt
@@ -15,8 +14,7 @@ from boat_daq import formatting
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.live.camera_panel import CameraPanel
-from boat_daq.gui.live.layout_panel import LayoutPanel
-from boat_daq.gui.live.live_plots import LivePlots, OverlayPlots, SignalCurves
+from boat_daq.gui.live.live_plots import LivePlots, OverlayPlots
 from boat_daq.gui.live.photograph_panel import PhotographPanel
 from boat_daq.gui.live.plan_editor_panel import PlanEditorPanel
 from boat_daq.gui.live.readings_panel import ReadingBar, ReadingsTab, ReadingsTable
@@ -24,7 +22,7 @@ from boat_daq.gui.live.sequence_panel import PlanForm, SequencePanel
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls
-from boat_daq.gui.widgets.layouts import Divided, Leaves, Shares
+from boat_daq.gui.widgets.layouts import Divided, Leaves
 from boat_daq.gui.widgets.panel_guard import PanelGuard
 from boat_daq.viewmodels.common.services import Page, Panel, Services
 from boat_daq.viewmodels.live.camera import CameraModel
@@ -196,8 +194,7 @@ class LivePage(QWidget):
         super().__init__()
         self.run, self.model, self.layouts, self.services = run, run.live, layouts, services
         self.guard = PanelGuard(services.notices)
-        self.plots, self.curves = LivePlots(self.model), SignalCurves(self.model)
-        self.plots.borders.changed.connect(self._keep_heights)
+        self.plots = LivePlots(self.model)
         self.plots.layout_wanted.connect(self._change_layout)
         self.figures = self._figures()
         self.spans = controls.label("", "small")
@@ -213,14 +210,11 @@ class LivePage(QWidget):
         self.pane = self._pane(shadow, camera)
         self.middle = Leaves()
         self.first_steps, self.overlay = FirstSteps(run, services), OverlayPlots(overlay)
-        self.over_time = Shares("curves", services.preferences, (self.plots, 3.0), (self.curves, 2.0), beside=True)
-        self.curves.hide()
-        for leaf in (self.first_steps, self.over_time, self.overlay):
+        for leaf in (self.first_steps, self.plots, self.overlay):
             self.middle.addWidget(leaf)
         self.overlaid = self.narrow = self.low = False
         self.sensors = _BESIDE
         self.photograph = PhotographPanel(self, run, services)
-        self.layout_panel = LayoutPanel(self, layouts, self.model, services)
         self.marker = self._marker()
         self.head = self._head()
         self.frozen = self._frozen()
@@ -261,9 +255,7 @@ class LivePage(QWidget):
         self.window_choice = controls.choice("Time shown", windows, self.model.set_window)
         self.freeze = controls.button("Freeze plot", self.model.toggle_freeze, tip="Recording continues (Space)")
         self.freeze.setCheckable(True)
-        tip = "Which plots are shown, and where "
-        self.arrange = controls.button("Layout …", self.show_layout, tip=tip)
-        for widget in (controls.label("Show", "muted"), self.window_choice, self.freeze, self.arrange):
+        for widget in (controls.label("Show", "muted"), self.window_choice, self.freeze):
             self.plots.bar.insertWidget(self.plots.bar.count() - 1, widget)
         frame, self.head_card = controls.card(controls.row(self.figure_line, None))
         frame.setMinimumWidth(1)  # else figures too large for a new width would push the pane aside
@@ -360,14 +352,9 @@ class LivePage(QWidget):
         self.services.notices.attempt(partial(self.layouts.change, layout))
         self.plots.arrange()
 
-    def show_layout(self) -> None:
-        """Show the panel for the layout of the plots."""
-        self.services.show(Page.MEASURE)
-        self.layout_panel.open_fresh()
-
-    def _keep_heights(self) -> None:
-        self.layouts.use(replace(self.layouts.current, heights=self.plots.heights()))
-        self.plots.arrange()
+    def use_usual_layout(self) -> None:
+        """Give each quantity a plot of its own again."""
+        self._change_layout(Layout())
 
     def show_plan(self) -> None:
         """Show the plan's form."""
@@ -411,16 +398,14 @@ class LivePage(QWidget):
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show values, run and readings; called a few times a second."""
         self.guard.show(self.head, "The values", partial(self._show_values, snapshot))
-        with_data = self.overlay if self.overlaid else self.over_time
+        with_data = self.overlay if self.overlaid else self.plots
         self.middle.setCurrentWidget(with_data if self.model.has_data() else self.first_steps)
         if self.overlay.isVisible():
             self.guard.show(self.overlay, "The overlay", self.overlay.draw)
-        self._show_curves()
         if "plan_editor" in vars(self):
             self.guard.show(self.plan_editor, "The plan of segments", partial(self.plan_editor.refresh, snapshot))
-        self.guard.show(self.layout_panel, "The layout", self.layout_panel.refresh)
         self.freeze.setChecked(not self.model.following)
-        self.frozen.setVisible(not self.model.following and self.middle.currentWidget() is self.over_time)
+        self.frozen.setVisible(not self.model.following and self.middle.currentWidget() is self.plots)
         shown_s = self.model.window_s
         self.window_choice.setCurrentIndex(WINDOWS_S.index(shown_s) if shown_s in WINDOWS_S else -1)
         self.guard.show(self.plots, "The marks in the plots", partial(self._show_marks, snapshot))
@@ -434,13 +419,6 @@ class LivePage(QWidget):
         ):
             if tab is self.pane.currentWidget():
                 self.guard.show(tab, name, partial(tab.refresh, snapshot))
-
-    def _show_curves(self) -> None:
-        """Show the curves of the signals where the layout has them; alone where no plot over time is shown."""
-        self.curves.setVisible(bool(self.layouts.current.against))
-        self.plots.setVisible(bool(self.model.plots()) or self.curves.isHidden())
-        if self.curves.isVisible():
-            self.guard.show(self.curves, "The curves", self.curves.draw)
 
     def _show_values(self, snapshot: SessionSnapshot) -> None:
         """Show the values, those of data that have ended grey with their age."""
@@ -511,9 +489,6 @@ class LivePage(QWidget):
         width = self.window().width()
         self.narrow = width < style.NARROW_BELOW
         low = self.low = self.window().height() < style.LOW_BELOW
-        self.arrange.setVisible(not self.narrow)
-        way = QBoxLayout.Direction
-        self.over_time.setDirection(way.TopToBottom if self.narrow else way.LeftToRight)
         margin = style.STEP if low else style.PAGE_MARGIN
         self.page.setContentsMargins(margin, margin, margin, margin)
         space = style.STEP if low else style.GAP

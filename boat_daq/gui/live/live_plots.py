@@ -23,9 +23,7 @@ from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Band, Curve, Layer, Plot, sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.widgets import controls
-from boat_daq.viewmodels.common.preferences import Preferences
-from boat_daq.viewmodels.live.axis import SteadyRange, extremes
-from boat_daq.viewmodels.live.layout import CAMERA, ELONGATION, PRESSURE, Axes, Layout, title, titles, unit
+from boat_daq.viewmodels.live.layout import CAMERA, ELONGATION, PRESSURE, Axes, Layout, title
 from boat_daq.viewmodels.live.live_model import CYCLES_KEPT, LiveModel, OverlayModel, PlotFrame, sensor_names
 from boat_daq.workflows.live_conversion import LiveElongation
 from protocol.base.arrays import FloatArray
@@ -99,7 +97,6 @@ class LivePlots(PlotCard):
         self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)  # the live page never scrolls
         self.rows: list[Plot] = []
         self._arranged_px = 0
-        self._heights: Mapping[str, int] = {}  # as the layout has them
         self._shown: tuple[Axes, ...] = ()  # of the rows
         self._layout: tuple[Axes, ...] = ()  # of all plots, also of those for which the window is too low
         self.first_row = controls.choice("First plot shown", (), lambda _: self.arrange())
@@ -136,9 +133,6 @@ class LivePlots(PlotCard):
         self.curves[quantity], self.predicted[quantity] = curve, (predicted, band)
         self.layers[quantity] = [band, predicted, curve]
 
-    def keep_heights(self, preferences: Preferences) -> None:
-        """Leave the heights to the layout, which keeps them for each unit."""
-
     def arrange(self) -> None:
         """Show the plots of the layout, those for which the window is high enough."""
         made = len(self.own)
@@ -165,11 +159,6 @@ class LivePlots(PlotCard):
         layout = self.model.plots()
         self._arranged_px = self.view.height()
         rows = self._fitting(layout)
-        heights = self.model.layout().heights
-        if heights != self._heights:
-            self._heights, places = heights, list(self.own)
-            self.borders.shares = {places.index(name): share for name, share in heights.items() if name in places}
-            self.borders.apply()
         if rows == self._shown and layout == self._layout:
             return
         above = self.rows[0] if self.rows else None
@@ -181,7 +170,7 @@ class LivePlots(PlotCard):
             plot.hold([])
         for plot, row in zip(self.rows, rows, strict=True):
             self._fill(plot, row, style.AXIS_WIDTH if any(each.right for each in rows) else 0)
-        self.show_empty("" if rows else "Every plot over time is hidden by the layout.")
+        self.show_empty("" if rows else "Every plot is hidden: View, Usual layout of the plots.")
         self.show_only(self.rows)
         self.paint_theme(self.theme)
 
@@ -195,11 +184,6 @@ class LivePlots(PlotCard):
         for which, cursors in self._cursors.items():
             for each, line in cursors:
                 line.label.setFormat(which.upper() if each is self.first else " ")
-
-    def heights(self) -> dict[str, int]:
-        """Return the shares of the height that the operator gave the plots, by their first quantity."""
-        names = list(self.own)
-        return {names[at]: share for at, share in self.borders.shares.items()}
 
     def _fitting(self, layout: tuple[Axes, ...]) -> tuple[Axes, ...]:
         """Return the rows from the chosen one on that are high enough to be read, the pressure always among them.
@@ -390,6 +374,11 @@ class LivePlots(PlotCard):
                 self._offer(menu, f"Own axis: {self.model.title(quantity)}", layout.with_axis(quantity, right=True))
             if len(axes.all) > 1:
                 self._offer(menu, f"Own plot: {self.model.title(quantity)}", layout.placed(quantity))
+        if len(axes.all) == 1:
+            for other in self._shown:
+                if other is not axes:
+                    host = other.left[0]
+                    self._offer(menu, f"Draw with {self.model.title(host).lower()}", layout.placed(axes.left[0], host))
         for quantity in (q for q in layout.hidden if q in known):
             self._offer(menu, f"Show {self.model.title(quantity)}", layout.placed(quantity))
 
@@ -443,54 +432,6 @@ class LivePlots(PlotCard):
         for plot, line in self._markers:
             plot.remove_line(line)
         self._markers = []
-
-
-class SignalCurves(PlotCard):
-    """The signals against pressure or elongation, beside the plots over time: over the same span, a plot for each."""
-
-    def __init__(self, model: LiveModel) -> None:
-        super().__init__("Signals against pressure and elongation", show_title=False)
-        self.model = model
-        self.sets: dict[tuple[str, Axes], tuple[Plot, dict[str, Curve]]] = {}  # by x and quantities
-        self._ranges: dict[tuple[str, str], SteadyRange] = {}
-        self._shown: list[Plot] = []
-
-    def _plot(self, against: str, axes: Axes) -> tuple[Plot, dict[str, Curve]]:
-        """Return the plot of some signals against a quantity; make it where it is shown for the first time."""
-        if (against, axes) not in self.sets:
-            plot = self.add(titles(axes.all), "mV", x_title=title(against), x_unit=unit(against))
-            plot.item.setMouseEnabled(False, False)
-            curves = {name: plot.curve(title(name), sensor_colour(int(name[1:-3])), gaps=True) for name in axes.all}
-            self.sets[against, axes] = plot, curves
-        return self.sets[against, axes]
-
-    def draw(self) -> None:
-        """Draw the span of the plots over time."""
-        layout, columns = self.model.layout(), self.model.curve_columns()
-        wanted = [(x, axes) for x in layout.against for axes in self.model.signal_plots()]
-        missing = "" if columns or not wanted else "The curves are drawn here once samples arrive."
-        if wanted and columns and not any(x in columns for x, _ in wanted):
-            missing = "Elongation is known once a calibration is accepted, or a camera reads it."
-        self.show_empty(missing)
-        sets = [(x, *self._plot(x, axes)) for x, axes in wanted if x in columns]
-        shown = [plot for _, plot, _ in sets]
-        if shown and shown != self._shown:
-            self._shown = shown
-            self.show_only(shown)
-            for x, plot, _ in sets:
-                plot.label_x(title(x), unit(x))
-            self.view.setMinimumSize(1, style.LIVE_PLOTS_MINIMUM)
-            self.paint_theme(self.theme)
-        for x, plot, curves in sets:
-            for name, curve in curves.items():
-                curve.set(columns[x], columns[name])
-            plot.x_range(*self._steady(x, "", columns[x]))
-            plot.y_range(*self._steady(x, plot.title, *(columns[name] for name in curves)))
-
-    def _steady(self, x: str, of: str, *values: FloatArray) -> tuple[float, float]:
-        """Return the range of an axis: constant while the data stay inside."""
-        found = self._ranges.setdefault((x, of), SteadyRange(smallest=1.0))
-        return found.update(*extremes(*values), monotonic())
 
 
 class OverlayPlots(PlotCard):

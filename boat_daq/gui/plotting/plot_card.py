@@ -20,11 +20,9 @@ from PySide6.QtWidgets import QFrame, QGraphicsItem, QGraphicsView, QMenu, QTool
 
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Plot, make_item
-from boat_daq.gui.plotting.row_borders import USUAL_SHARE, RowBorders
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls
 from boat_daq.viewmodels.common import tables
-from boat_daq.viewmodels.common.preferences import Preferences
 from protocol.base.errors import RequestError
 from protocol.base.units import STORED_UNITS
 from protocol.base.whole_file import written_whole
@@ -61,7 +59,7 @@ class PlotCard(QFrame):
         self.view.setAccessibleName(title)
         self.view.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
         self.view.customContextMenuRequested.connect(self._open_menu)
-        self.borders = RowBorders(self.view, self.plots)
+        self._stretch: dict[Plot, int] = {}
         self.heading = controls.ElidedLabel(title if show_title else "")
         self.heading.setTextFormat(Qt.TextFormat.PlainText)
         self.heading.setProperty("role", "subtitle")
@@ -156,9 +154,9 @@ class PlotCard(QFrame):
         plot = Plot(item, title, unit, x_title=x_title, x_unit=x_unit)
         self.plots.append(plot)
         item.getViewBox().sigResized.connect(self._repaint)
+        self._stretch[plot] = stretch
         if not beside:
-            self.borders.usual[len(self.plots) - 1] = USUAL_SHARE * stretch
-        self.borders.apply()
+            self.view.ci.layout.setRowStretchFactor(at, stretch)
         return plot
 
     def _repaint(self, *_: object) -> None:
@@ -174,13 +172,8 @@ class PlotCard(QFrame):
         for at, plot in enumerate(plots):
             plot.label_x(named.x_title if beside or plot is plots[-1] else "", named.x_unit)
             self.view.ci.addItem(plot.item, row=0 if beside else at, col=at if beside else 0)
-        self.borders.apply()
-
-    def keep_heights(self, preferences: Preferences) -> None:
-        """Share the height among the plots as the operator did last, and keep what the operator changes."""
-        key = f"heights {self.title}"
-        self.borders.take(preferences.get(key, {}))
-        self.borders.changed.connect(lambda: preferences.set(key, {str(k): v for k, v in self.borders.shares.items()}))
+            if not beside:
+                self.view.ci.layout.setRowStretchFactor(at, self._stretch[plot])
 
     def link_x(self) -> None:
         """Link the horizontal ranges of all plots to the first one's."""

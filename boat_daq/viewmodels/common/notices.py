@@ -122,10 +122,10 @@ class Notices:
         """Return what takes a job that has ended: its failure becomes a warning, its result goes to `done`."""
 
         def take(job: Job) -> None:
-            if job.failure is not None:
-                self.add(Severity.WARNING, job.failure.cause, job.failure.remedy, details=job.failure.details)
-            elif job.state is JobState.DONE:
+            if job.state is JobState.DONE:
                 done(job.result)
+            elif job.failure is not None:
+                self.add(Severity.WARNING, job.failure.cause, job.failure.remedy, details=job.failure.details)
 
         return take
 

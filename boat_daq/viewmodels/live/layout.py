@@ -1,4 +1,4 @@
-"""The layout of the live plots: which quantities share a plot, their axes and heights; kept for each unit.
+"""The layout of the live plots: which quantities share a plot, and their axes; kept for each unit.
 
 A quantity is a column of the ring buffer, or `elongation_mm`. Rules: an axis has one unit of measurement, so a plot has
 at most two. A quantity that a layout does not name has a plot of its own, at its usual place.
@@ -7,8 +7,8 @@ at most two. A quantity that a layout does not name has a plot of its own, at it
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import cache, partial
 
 from boat_daq.viewmodels.common.preferences import Preferences
@@ -91,15 +91,11 @@ class Layout:
     Parameters
     ----------
     right : quantities on the right axis of their plot.
-    heights : share of the height by the first quantity of a plot; a plot without one has the usual share.
-    against : quantities against which the signals are drawn as curves, beside the plots over time.
     """
 
     rows: Rows = ()
     hidden: tuple[str, ...] = ()
     right: tuple[str, ...] = ()
-    heights: Mapping[str, int] = field(default_factory=dict)
-    against: tuple[str, ...] = ()
 
     def complete(self, quantities: Sequence[str]) -> Layout:
         """Return the layout with a place for each of these quantities; a difference is hidden until it is chosen."""
@@ -141,17 +137,6 @@ class Layout:
         rows = (tuple(q for q in row if q != quantity) for row in self.rows)
         return replace(self, rows=tuple(filter(None, rows)), hidden=(*self.hidden, quantity))
 
-    def moved(self, quantity: str, below: int, quantities: Sequence[str]) -> Layout:
-        """Return the layout with the plot of a quantity moved by one place, up (-1) or down (1)."""
-        shown = [at for at, row in enumerate(self.rows) if set(row) & set(quantities)]
-        here = next(i for i, at in enumerate(shown) if quantity in self.rows[at])
-        if not 0 <= here + below < len(shown):
-            return self
-        rows = list(self.rows)
-        one, other = shown[here], shown[here + below]
-        rows.insert(other, rows.pop(one))
-        return replace(self, rows=tuple(rows))
-
     def with_axis(self, quantity: str, *, right: bool) -> Layout:
         """Return the layout with a quantity on the left or on the right axis of its plot."""
         others = tuple(q for q in self.right if q != quantity)
@@ -181,13 +166,11 @@ class Layout:
 
 def layout_of(stored: object) -> Layout | None:
     """Return the layout that was stored as JSON; None where it is not one."""
-    if not isinstance(stored, dict) or set(stored) != set(asdict(Layout())):
+    if not isinstance(stored, dict):
         return None
     try:
         rows = tuple(tuple(map(str, row)) for row in stored["rows"] if row)
-        names = {key: tuple(map(str, stored[key])) for key in ("hidden", "right", "against")}
-        heights = {str(k): int(v) for k, v in stored["heights"].items() if int(v) > 0}
-        layout = Layout(rows, heights=heights, **names)
+        layout = Layout(rows, *(tuple(map(str, stored[key])) for key in ("hidden", "right")))
         layout.check()
     except (AttributeError, KeyError, RequestError, TypeError, ValueError):
         return None
@@ -218,9 +201,8 @@ class Layouts:
         if layout != before:
             self._undo.push(Change("the layout of the plots", partial(use, layout), partial(use, before)))
 
-    def use(self, layout: Layout, name: str = "") -> None:
-        """Use a layout without a step of the undo history; it is kept for the unit `name`, or for that on the bench."""
-        name = name or self._unit()
+    def use(self, layout: Layout, name: str) -> None:
+        """Use a layout without a step of the undo history, and keep it for the unit `name`."""
         kept = {"": asdict(layout)}
         self._preferences.change(_KEY, lambda stored: {**(stored if isinstance(stored, dict) else {}), name: kept})
         if name == self._unit():

@@ -41,7 +41,6 @@ FRAMES_SHARE = 0.2  # of a core, that frames may take: where each costs more, fe
 CYCLES_KEPT, CYCLE_POINTS = 5, 1200  # of the overlay
 RECENT = 200  # samples among which a channel has a value, or is taken for text
 CHANNEL_DECIMALS = 2
-_CURVE_POINTS = 2000  # of a signal against pressure, at most
 
 
 Inverse = Callable[[FloatArray], LiveElongation]  # [n, sensors] mV -> elongation
@@ -211,26 +210,6 @@ class LiveModel:
         if self._plots is None or self._plots[0] is not layout or self._plots[1] != quantities:
             self._plots = layout, quantities, layout.plots(quantities)
         return self._plots[2]
-
-    def signal_plots(self) -> tuple[Axes, ...]:
-        """Return the signals that share a plot, for the plots of their curves: all where no plot shows one."""
-        left = (tuple(name for name in plot.all if is_signal(name)) for plot in self.plots())
-        together = [Axes(names) for names in left if names]
-        return tuple(together) or (Axes(tuple(name for name in self.quantities() if is_signal(name))),)
-
-    def curve_columns(self) -> dict[str, FloatArray]:
-        """Return signals, pressure and elongation over the span shown, each point the middle of a short stretch."""
-        ring = self.ring()
-        if ring is None or not self.has_data():
-            return {}
-        points = ring.draw(*self.span_s(), max_points=2 * _CURVE_POINTS)
-        pairs = points["time_s"].size // 2
-        # minima and maxima take turns: their mean belongs to the stretch, the two of one column do not
-        columns = {name: 0.5 * (v[: 2 * pairs : 2] + v[1 : 2 * pairs : 2]) for name, v in points.items()}
-        columns = dict(with_holes(columns)) if pairs else {}
-        if columns and self.inverse is not None:
-            columns[ELONGATION] = self.inverse(signals(columns)).mm
-        return columns
 
     def now_s(self) -> float:
         """Return the ring's time of the newest sample, s; NaN without one."""

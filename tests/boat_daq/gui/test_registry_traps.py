@@ -225,7 +225,6 @@ OPENED = {
 DIALOGS = {
     "segments": lambda window: window.show_place(Panel.SEGMENTS),
     "outlets": lambda window: window.show_place(Panel.OUTLETS),
-    "layout": lambda window: window.live.show_layout(),
     "import": lambda window: window.import_panel.show(),
     "units": lambda window: run_command(window, "Units of the values \u2026"),
     "derived": lambda window: run_command(window, "Derived channels \u2026"),

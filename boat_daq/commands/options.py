@@ -81,9 +81,6 @@ SetOption = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Metadata: customer, item, serial_number, ...; may be repeated."),
 ]
-TemplateOption = Annotated[
-    str, typer.Option(metavar="NAME|FILE.toml", help="Metadata of a template, where none are stated.")
-]
 DeriveOption = Annotated[
     list[str] | None,
     typer.Option("--derive", metavar="NAME=EXPRESSION", help="Derived channel: 'ratio = s1_mv / s2_mv'; repeatable."),

@@ -81,11 +81,6 @@ class Metadata:
         except ValueError as error:
             raise ChoiceError(str(error), "Correct the value.") from error
 
-    def filled_from(self, other: Metadata) -> Metadata:
-        """Return the metadata with what it does not state taken from another one."""
-        empty = {key: value for key, value in asdict(other).items() if getattr(self, key) in ("", None)}
-        return replace(self, **empty, fields={**other.fields, **self.fields})
-
     def of_unit(self) -> Metadata:
         """Return what the next recording of the same unit states, too: neither its note nor its ambient conditions."""
         return Metadata(**{key: getattr(self, key) for key in OF_A_UNIT}, fields=self.fields)

@@ -1,9 +1,9 @@
-"""State the metadata of a recording, remember them for its unit, keep templates of them.
+"""State the metadata of a recording, and remember them for its unit.
 
 Rules: what is stated is a newer event of the recording, so what was stated before stays, and samples are not touched.
 A recording has one writer: while it is in progress, only the session that records it can state metadata.
 A unit's file remembers what stays the same (operator, customer, item, serial number, free fields) for its next
-recording; ambient conditions and notes are of one recording. A template is a small TOML file with the same keys.
+recording; ambient conditions and notes are of one recording.
 """
 
 from __future__ import annotations
@@ -15,14 +15,10 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-import tomli_w
-
-from boat_daq.engine.file_names import path_in
 from boat_daq.engine.recording.file import RecordingFile
 from boat_daq.engine.recording.rows import INSERT_EVENT
-from boat_daq.engine.settings import UnitLibrary, home
-from boat_daq.engine.stored_file import write_stored
-from boat_daq.engine.toml_values import BadValue, parse_toml, read_text
+from boat_daq.engine.settings import UnitLibrary
+from boat_daq.engine.toml_values import BadValue
 from protocol.base.errors import RequestError
 from protocol.recording import METADATA_EVENT, NOTE_EVENT, Metadata, metadata_of, open_recording, read_session
 from protocol.recording.metadata import MOST
@@ -69,31 +65,6 @@ def remember(units: UnitLibrary, unit: str, metadata: Metadata) -> None:
     kept, stored = _stated(metadata.of_unit()), units.load(unit) if unit else None
     if stored is not None and kept != stored.metadata:
         units.save(dataclasses.replace(stored, metadata=kept))
-
-
-def template_names(folder: Path | None = None) -> list[str]:
-    """Return the names of the templates, sorted."""
-    return sorted(path.stem for path in _templates(folder).glob("[!.]*.toml"))
-
-
-def load_template(name: str, folder: Path | None = None) -> Metadata:
-    """Return the metadata of a template: the name of a stored one, or the path of a TOML file."""
-    path = Path(name) if name.endswith(".toml") else path_in(_templates(folder), f"{name}.toml")
-    if not path.exists():
-        known = ", ".join(template_names(folder)) or "none"
-        raise RequestError(f"there is no template {name!r:.60}", f"Templates: {known}.")
-    return _checked(parse_toml(read_text(path), str(path)), str(path))
-
-
-def save_template(name: str, metadata: Metadata, folder: Path | None = None) -> Path:
-    """Store metadata as a template, without note and ambient conditions; return its file."""
-    path = path_in(_templates(folder), f"{name}.toml")
-    write_stored(path, tomli_w.dumps(_stated(metadata.of_unit())))
-    return path
-
-
-def _templates(folder: Path | None) -> Path:
-    return (folder or home()) / "templates"
 
 
 def _stated(metadata: Metadata) -> dict[str, Any]:

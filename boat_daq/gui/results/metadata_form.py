@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QComboBox, QDialog, QLineEdit, QPlainTextEdit, QWidget
+from PySide6.QtWidgets import QDialog, QLineEdit, QPlainTextEdit, QWidget
 
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls
@@ -14,11 +12,10 @@ from boat_daq.viewmodels.results.metadata import FIELDS, MetadataModel, free_lin
 
 _EXPLANATION = "Printed in reports, exports and certificates. Note and ambient conditions are not remembered."
 FREE_HINT = "name = value, one on each line"
-TEMPLATE = "Take from a template"
 
 
 class MetadataForm(QDialog):
-    """States metadata; templates fill what is empty."""
+    """States metadata."""
 
     def __init__(self, parent: QWidget, model: MetadataModel, services: Services) -> None:
         super().__init__(parent.window())
@@ -36,44 +33,17 @@ class MetadataForm(QDialog):
         self.free.setProperty("role", "paste")
         self.free.setAccessibleName("Fields of your own")
         self.free.setAcceptDrops(False)
-        self.template: QComboBox = controls.choice("Template", (), self._take)
-        self._list_templates()
-        self.name = controls.field("Name of the template", placeholder="Name of a new template")
-        keep = controls.button("Save as template", self._keep, tip="Without note and ambient conditions")
         rows = [(labels[key], field, "") for key, field in self.fields.items()]
         form = controls.form([*rows, ("Fields of your own", self.free, "")])
         buttons = controls.row(
             controls.button("Close", self.close), None, controls.button("Store", self._save, "primary")
         )
-        templates = controls.row(self.template, (self.name, 1), keep)
-        parts = (controls.label(_EXPLANATION, "muted", wrap=True), form, templates, buttons)
+        parts = (controls.label(_EXPLANATION, "muted", wrap=True), form, buttons)
         self.setLayout(controls.column(*parts, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
 
     def typed(self) -> dict[str, str]:
         """Return the texts of the fields."""
         return {key: field.text() for key, field in self.fields.items()}
-
-    def _list_templates(self) -> None:
-        self.template.clear()
-        self.template.addItem(TEMPLATE, "")
-        for name in self.model.templates():
-            self.template.addItem(name, name)
-
-    def _take(self, name: str) -> None:
-        def fill() -> None:
-            texts, lines = self.model.from_template(name, self.typed(), self.free.toPlainText())
-            for key, text in texts.items():
-                self.fields[key].setText(text)
-            self.free.setPlainText(lines)
-
-        if name:
-            self.services.notices.attempt(fill)
-
-    def _keep(self) -> None:
-        name = self.name.text().strip()
-        save = partial(self.model.save_template, name, self.typed(), self.free.toPlainText())
-        if name and self.services.notices.attempt(save, done=f"Saved the template {name}"):
-            self._list_templates()
 
     def _save(self) -> None:
         if self.services.notices.attempt(lambda: self.model.state(self.typed(), self.free.toPlainText())):

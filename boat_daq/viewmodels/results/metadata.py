@@ -11,13 +11,10 @@ from functools import partial
 from pathlib import Path
 
 from boat_daq.engine.recording.metadata_entry import (
-    load_template,
     read_metadata,
     remember,
     remembered,
-    save_template,
     state_metadata,
-    template_names,
 )
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import UnitLibrary
@@ -109,19 +106,6 @@ class MetadataModel:
     def _store(self, stated: Metadata) -> None:
         self._write(stated)
         self._changed()
-
-    def templates(self) -> list[str]:
-        """Return the names of the templates."""
-        return template_names()
-
-    def from_template(self, name: str, typed: Mapping[str, str], lines: str) -> tuple[dict[str, str], str]:
-        """Return the texts of the form with what is empty taken from a template."""
-        filled = Metadata().changed({**free_fields(lines), **typed}).filled_from(load_template(name))
-        return self.texts(filled), free_lines(filled)
-
-    def save_template(self, name: str, typed: Mapping[str, str], lines: str) -> None:
-        """Store what the form has as a template, without note and ambient conditions."""
-        save_template(name, Metadata().changed({**free_fields(lines), **typed}))
 
 
 def free_fields(lines: str) -> dict[str, str]:

@@ -28,15 +28,14 @@ def call(*words: str | Path) -> tuple[int, str]:
 
 
 def test_metadata_are_stated_once_and_kept_for_the_unit(run: Path) -> None:
-    """A value is stored, remembered for the simulated unit, and kept as a template."""
-    code, _ = call("metadata", run, "--set", "customer=A & B", "--set", "rig=2", "--save-template", "lab")
+    """A value is stored, and remembered for the simulated unit."""
+    code, _ = call("metadata", run, "--set", "customer=A & B", "--set", "rig=2")
     assert code == 0
     code, output = call("metadata", run, "--json")
     assert json.loads(output)["customer"] == "A & B"
     assert json.loads(output)["fields"] == {"rig": "2"}
     home = run.parent / "home"
     assert 'customer = "A & B"' in (home / "units" / "simulated" / "SA1.toml").read_text(encoding="utf-8")
-    assert (home / "templates" / "lab.toml").exists()
     assert call("metadata", run, "--set", "customer")[0] == 2
 
 

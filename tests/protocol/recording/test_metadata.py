@@ -40,7 +40,6 @@ def test_a_stored_note_of_any_length_is_read_and_typed_ones_are_bounded() -> Non
 def test_a_unit_keeps_its_item_but_neither_note_nor_ambient_conditions() -> None:
     stated = Metadata("Eve", "A", "I", "7", "wet", 21.0, 40.0, {"batch": "7"})
     assert stated.of_unit() == Metadata("Eve", "A", "I", "7", fields={"batch": "7"})
-    assert Metadata(item="J").filled_from(stated.of_unit()) == Metadata("Eve", "A", "J", "7", fields={"batch": "7"})
 
 
 def test_a_misspelled_key_is_no_field_of_ones_own() -> None:

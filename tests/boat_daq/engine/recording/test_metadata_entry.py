@@ -1,19 +1,15 @@
-"""Metadata of a closed recording, remembered for its unit, and templates."""
+"""Metadata of a closed recording, and remembered for its unit."""
 
 from __future__ import annotations
 
 import shutil
 from pathlib import Path
 
-import pytest
-
 from analysis import load_recording
-from boat_daq.engine.recording import metadata_entry
 from boat_daq.engine.recording.metadata_entry import read_metadata, remember, remembered, state_metadata
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.verify import verify_recording
 from boat_daq.engine.settings import UnitLibrary
-from protocol.base.errors import RequestError
 from protocol.recording import Metadata
 
 SAMPLE = Path(__file__).parents[4] / "recordings" / "simulated_SA1_two_cycles.boat"
@@ -37,16 +33,3 @@ def test_a_unit_remembers_its_item_and_not_that_of_its_simulated_namesake(tmp_pa
     remember(units, "SA1", STATED)
     assert remembered(units, "SA1") == STATED.of_unit()
     assert remembered(units.of(simulated=True), "SA1") == remembered(units, "") == Metadata()
-
-
-def test_template_states_what_is_the_same_for_many_units(tmp_path):
-    metadata_entry.save_template("lab", STATED, tmp_path)
-    assert metadata_entry.template_names(tmp_path) == ["lab"]
-    assert metadata_entry.load_template("lab", tmp_path) == Metadata(
-        "Eve", "<b>A & Co</b>", "Rod", "7", fields=STATED.fields
-    )
-    with pytest.raises(RequestError, match="no template"):
-        metadata_entry.load_template("other", tmp_path)
-    (tmp_path / "templates" / "bad.toml").write_text("custommer = 'A'")
-    with pytest.raises(RequestError, match="custommer"):
-        metadata_entry.load_template("bad", tmp_path)

@@ -93,7 +93,6 @@ class AppModel:
         self.run_actions = RunActions(
             calibrate=self.calibration.analyse,
             resume=self.run.resumption.resume,
-            unit=lambda: self.unit.name(self.snapshot),
         )
         self.unit_choice = UnitChoice(self.preferences, self._use_units)
         self.precision = Precision(self.preferences, self._use_fidelity)

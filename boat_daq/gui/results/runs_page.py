@@ -20,7 +20,6 @@ from PySide6.QtCore import (
 )
 from PySide6.QtGui import QAction, QFontMetrics, QPainter, QPen, QPolygonF, QResizeEvent, QTransform
 from PySide6.QtWidgets import (
-    QBoxLayout,
     QFrame,
     QHeaderView,
     QMenu,
@@ -32,11 +31,10 @@ from PySide6.QtWidgets import (
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
-from boat_daq.gui.plotting.plot import Curve, PointLabels, ramp_colour, sensor_colour
+from boat_daq.gui.plotting.plot import Curve, PointLabels, ramp_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.gui.results.metadata_form import MetadataForm
-from boat_daq.gui.results.repeat_page import FILLED, SYMBOLS
 from boat_daq.gui.results.unit_window import UnitWindow
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls
@@ -59,7 +57,6 @@ RUN_ROLE = Qt.ItemDataRole.UserRole
 OPTIONAL = ("Readings", "Length", "Cycles")  # columns hidden in this order where the name of the file is cut
 USUAL_NAME = "20260101-000000_SA1.boat"  # what the program names a recording
 NO_UNITS = "Calibrations accepted on the page Results are listed here with their unit."
-HISTORY = "The sensitivity of the unit in use at each of its accepted calibrations."
 DIFFERENCE = "The curve of each run less the curve of the first one, over elongation."
 OVER_TIME_TIP = "Its calibrations over each other and over time, and when it is due again"
 UNIT_HEADINGS = ("Unit", "Accepted", "Sensitivity, mV/mm", "Recording")
@@ -111,9 +108,6 @@ class RunsPage(QWidget):
         self.list.itemSelectionChanged.connect(self._enable)
         self.list.itemDoubleClicked.connect(lambda _: self._run(actions.calibrate, Tab.CALIBRATION))
         self.units = DataTable("Units and their calibrations", UNIT_HEADINGS)
-        self.history = PlotCard("Sensitivity history", HISTORY)
-        plot = self.history.add("Sensitivity", "mV/mm", x_title="Calibration")
-        self.sensitivities = [plot.points(f"Sensor {n}", sensor_colour(n), symbol=s) for n, s in enumerate(SYMBOLS, 1)]
         self.compare_card = PlotCard("Difference from run 1", DIFFERENCE)
         self.differences: list[list[Curve]] = []  # by sensor, as many as any comparison so far had
         self.numbers: list[PointLabels] = []
@@ -143,9 +137,8 @@ class RunsPage(QWidget):
         self.list.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
         self.list.customContextMenuRequested.connect(self._show_menu)
         frame, side = self._recordings_card(), self._units_card()
-        self.sides = Shares("units", self.services.preferences, (side, 1), (self.history, 1), beside=True)
-        self.cards = (side, self.history, self.compare_card)
-        self.below = Leaves(self.sides, self.compare_card)  # the latter in place of the units
+        self.cards = (side, self.compare_card)
+        self.below = Leaves(side, self.compare_card)  # the latter in place of the units
         self.list.setMinimumHeight(style.STRIP_HEIGHT + LEAST_LINES * style.THUMBNAIL[1])
         return Shares("runs", self.services.preferences, (frame, 3), (self.below, 2))
 
@@ -223,11 +216,9 @@ class RunsPage(QWidget):
         return side
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Hide the heading on a narrow page, so that the buttons fit, and stack what is under the list."""
+        """Hide the heading on a narrow page, so that the buttons fit."""
         narrow = self.width() < style.STACKED_BELOW
         self.heading.setVisible(not narrow)
-        way = QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight
-        self.sides.setDirection(way)
         for card in self.cards:
             card.setMinimumHeight(style.STACKED_HEIGHT if narrow else 0)
         self.list.setColumnWidth(0, style.THUMBNAIL[0] // (2 if narrow else 1))
@@ -370,7 +361,6 @@ class RunsPage(QWidget):
         self.units.fill(units, [cells[-1] for cells in units])
         self.units.setVisible(bool(units))
         self.no_units.setVisible(not units)
-        self._show_history()
         self._enable()
 
     def _list(self) -> None:
@@ -402,23 +392,8 @@ class RunsPage(QWidget):
         """Show the calibrations of the chosen unit in a window of their own."""
         row = self.units.currentRow()
         self.services.notices.attempt(
-            lambda: UnitWindow(self.window(), self.model.over_time(row), self.services, self.history).show()
+            lambda: UnitWindow(self.window(), self.model.over_time(row), self.services, self.compare_card).show()
         )
-
-    def _show_history(self) -> None:
-        unit = self.other_pages.unit()
-        found, signal_unit = self.model.sensitivities(unit)
-        self.history.show_signals_in(signal_unit)
-        unit += "  SIMULATED" if self.model.simulated else ""
-        self.history.clear()
-        for points, (x, y) in zip(self.sensitivities, found, strict=False):
-            points.set(x, y)
-        known = any(x.size for x, _ in found)
-        self.history.show_empty("" if known else f"{unit} has no accepted calibration yet.")
-        symbols = "   ".join(f"{symbol} sensor {n}" for n, symbol in enumerate(FILLED[: len(found)], 1))
-        self.history.readout.setText(f"{unit}   {symbols}" if known else "")
-        if known:
-            self.history.plots[0].fit(x_margin=0.1)
 
     def _show_comparison(self) -> None:
         lines, legend = self.model.comparison_lines()

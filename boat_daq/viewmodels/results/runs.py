@@ -11,7 +11,6 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from itertools import zip_longest
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -33,7 +32,7 @@ from boat_daq.viewmodels.results.metadata import MetadataModel
 from boat_daq.viewmodels.results.run_entry import MOST_COMPARED, RunEntry, read_run, sort_key
 from boat_daq.viewmodels.results.run_result import CurveBands, RunResult, compare_runs
 from boat_daq.viewmodels.results.unit_over_time import UnitOverTimeModel
-from boat_daq.workflows.calibration_in_force import accepted_records, record_of
+from boat_daq.workflows.calibration_in_force import record_of
 from boat_daq.workflows.jobs import Job, JobRunner
 from boat_daq.workflows.run_files import add_marker, export_run, report_runs
 from protocol.base.arrays import FloatArray
@@ -56,11 +55,10 @@ Listing = tuple[list[RunEntry], list[UnitLine]]
 
 @dataclass(frozen=True, slots=True)
 class RunActions:
-    """What other pages do with a chosen recording, and the name of the unit in use."""
+    """What other pages do with a chosen recording."""
 
     calibrate: Callable[[Path], None]
     resume: Callable[[Path], None]
-    unit: Callable[[], str]
 
 
 class RunsModel:
@@ -313,17 +311,6 @@ class RunsModel:
         simulated, cells = lines[row]
         units = self.units.of(simulated=simulated)
         return UnitOverTimeModel(units, cells[0].removesuffix(SIMULATED_MARK), self.jobs, self._notices)
-
-    def sensitivities(self, unit: str) -> tuple[list[tuple[FloatArray, FloatArray]], str]:
-        """Return for each sensor (number of the accepted calibration, sensitivity), oldest first; and the unit.
-
-        Calibrations of another unit of signals than the newest are left out.
-        """
-        records = accepted_records(self.units.of(simulated=self.simulated).load(unit))
-        signal_unit = records[-1].signal_unit if records else "mV"
-        rows = (_sensitivities(record) for record in records if record.signal_unit == signal_unit)
-        columns = (np.array([v for v in column if v is not None], dtype=float) for column in zip_longest(*rows))
-        return [(np.arange(1.0, column.size + 1), column) for column in columns], signal_unit
 
     def close(self) -> None:
         """End the helper thread."""

@@ -50,14 +50,14 @@ def test_fidelity_is_applied_and_kept(page, app_model):
     assert draft.rays < reference.rays
     page.level.setCurrentIndex(page.level.findData("draft"))
     page.level.activated.emit(page.level.currentIndex())
-    assert (app_model.live.points_a_column, app_model.optics.traced_rays, app_model.calibration.fidelity) == (
+    assert (app_model.live.points_a_column, app_model.optics.fidelity.rays, app_model.calibration.fidelity) == (
         draft.points_a_column, draft.rays, draft,
     )  # fmt: skip
     app_model.precision.choose("reference")
     assert app_model.runs.fidelity.level == app_model.calibration.fidelity.level == "reference"
     page.refresh(app_model.snapshot)
     assert page.level.currentData() == "reference"
-    assert app_model.optics.swept_rays == reference.ranking_rays
+    assert app_model.optics.fidelity.ranking_rays == reference.ranking_rays
     assert Preferences(app_model.folder).get("fidelity") == "reference"
     app_model.preferences.set("fidelity", "nonsense")
     assert app_model.precision.level == "normal"

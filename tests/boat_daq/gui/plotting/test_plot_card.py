@@ -34,7 +34,7 @@ SHOWN = {
     "Measure": 2,
     "Calibration": 3,
     "Repeatability": 2,
-    "Recordings": 2,
+    "Recordings": 1,
     "Optics": 4,
     "Shadow": 3,
     "Speed and accuracy": 1,
@@ -49,8 +49,7 @@ def fill(window, page: str) -> None:
     elif page == "Repeatability":
         model.repeatability.show(run_result())
     elif page == "Recordings":
-        history = [(np.arange(1.0, 4.0), np.array([39.0, 39.5, 38.0])), (np.arange(1.0, 4.0),) * 2]
-        model.runs.scan, model.runs.sensitivities = lambda: None, lambda unit: (history, "mV")
+        model.runs.scan = lambda: None
         model.runs.units_read = [(True, ("SA1", "2026-01-01", "39 / 29", "run.boat"))]
         model.runs.revision += 1
     elif page == "Optics":

@@ -20,7 +20,7 @@ def window_of(live, found) -> UnitWindow:
         report=lambda target: None,
     )  # fmt: skip
     live.go("Recordings")
-    window = UnitWindow(live, model, live.model.services, live.pages["Recordings"].history)
+    window = UnitWindow(live, model, live.model.services, live.pages["Recordings"].compare_card)
     window.timerEvent()
     return window
 

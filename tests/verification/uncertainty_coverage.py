@@ -77,9 +77,13 @@ def _creeping(values: np.ndarray) -> np.ndarray:
 
 
 def simulated(kind: str, seed: int) -> Simulated:
-    """Return one sensor of a kind, two where one is lost, with its calibration run and new readings."""
-    rng = np.random.default_rng((KINDS.index(kind), seed))
-    cycles = 1 if kind == "one cycle" else CYCLES
+    """Return one sensor of a kind, or of two (`drift and creep`); two sensors where one is lost.
+
+    With its calibration run, and new readings.
+    """
+    kinds = kind.split(" and ")
+    rng = np.random.default_rng((*(KINDS.index(one) for one in kinds), seed))
+    cycles = 1 if "one cycle" in kinds else CYCLES
     holds = [(50.0, -1, 1)]
     for k in range(1, cycles + 2):  # the last one gives the new readings
         holds += [(p, -1, k) for p in LEVELS_KPA[1:]] + [(p, 1, k) for p in LEVELS_KPA[::-1][1:]]
@@ -92,19 +96,19 @@ def simulated(kind: str, seed: int) -> Simulated:
     way, cycle = (np.repeat([one[i] for one in holds], ramp + hold) for i in (1, 2))
     share = (pressure + 40.0) / 90.0
     x = -2.7 + 6.5 * share - 2.0 * share * (1.0 - share) * LOOP_MM * way
-    clean = CURVES.get(kind, _cubic)(x) + 0.5 * LOOP_MV * way * (1.0 - _scaled(x) ** 2)
-    clean = _creeping(clean) if kind == "creep" else clean
+    clean = CURVES.get(kinds[0], _cubic)(x) + 0.5 * LOOP_MV * way * (1.0 - _scaled(x) ** 2)
+    clean = _creeping(clean) if "creep" in kinds else clean
     clean = clean + CYCLE_MV * rng.standard_normal(cycles + 2)[cycle]
-    sd = NOISE_MV * (0.4 + 1.2 * share) if kind == "growing noise" else np.full(x.size, NOISE_MV)
-    signal = np.stack([clean + sd * rng.standard_normal(x.size) for _ in range(2 if kind == "lost sensor" else 1)], 1)
+    sd = NOISE_MV * (0.4 + 1.2 * share) if "growing noise" in kinds else np.full(x.size, NOISE_MV)
+    signal = np.stack([clean + sd * rng.standard_normal(x.size) for _ in range(2 if "lost sensor" in kinds else 1)], 1)
     end = int(np.flatnonzero(cycle == cycles)[-1]) + 1
     time = np.arange(x.size) / RATE_HZ
     settled = np.tile(np.append(np.zeros(ramp + hold // 2, bool), np.ones(hold - hold // 2, bool)), len(holds))
     new = settled & (cycle == cycles + 1) & (np.abs(_scaled(x)) < 0.98)
-    if kind == "drift":  # of the run, which its readings are to be of
+    if "drift" in kinds:  # of the run, which its readings are to be of
         signal[:end] += (DRIFT_MV * (time[:end] / time[end] - 0.5))[:, None]
         signal[new] += (DRIFT_MV * (rng.random(int(new.sum())) - 0.5))[:, None]
-    if kind == "lost sensor":
+    if "lost sensor" in kinds:
         signal[end // 2 :, 1] = signal[end // 2, 1]
     measured = pressure + 0.05 * rng.standard_normal(pressure.size)
     run = Recording.from_arrays(time[:end], measured[:end], signal[:end], meta={"unit": "SIM"})
@@ -115,7 +119,7 @@ def simulated(kind: str, seed: int) -> Simulated:
         for (level, up, k), value in zip(holds, seen, strict=True) if k <= cycles
     ]  # fmt: skip
     readings = pd.DataFrame(rows, columns=["pressure_kpa", "elongation_mm", "cycle", "branch"])
-    if kind == "one branch":
+    if "one branch" in kinds:
         readings = readings[readings["branch"] == "loading"]
     return Simulated(run, readings.iloc[0:], signal[new], x[new])
 

@@ -260,7 +260,8 @@ def _first_misfit(rows: pd.DataFrame, plateaus: list[Plateau], near: float) -> s
 def _by_branch(
     frame: pd.DataFrame, plateaus: tuple[Plateau, ...], near: float, name: str
 ) -> tuple[FloatArray, dict[int, str]]:
-    values, confirmed, last = np.full(len(plateaus), np.nan), {}, max(p.cycle for p in plateaus)
+    found: dict[int, list[float]] = {}
+    confirmed, last = {}, max(p.cycle for p in plateaus)
     columns = [frame[c].tolist() for c in ("cycle", "branch", "pressure_kpa", "elongation_mm", "confirmed")]
     for at, (cycle, branch, pressure, elongation, reason) in enumerate(zip(*columns, strict=True), 1):
         close = [i for i, p in enumerate(plateaus) if abs(p.pressure_kpa - pressure) <= near]
@@ -275,9 +276,10 @@ def _by_branch(
                 f"{name} does not fit the plateaus: row {at} (cycle {cycle:g}, {branch}, {pressure:g} kPa) has none",
                 "Check cycle, branch (unloading or loading) and pressure.",
             )
-        values[hits[0]] = elongation
+        found.setdefault(hits[0], []).append(elongation)
         if reason:
             confirmed[hits[0]] = reason
+    values = np.asarray([float(np.mean(found.get(i, [np.nan]))) for i in range(len(plateaus))])
     return values, confirmed
 
 

@@ -8,9 +8,12 @@ import statistics
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from analysis.shadow.model.full import MESH_ERROR_PERCENT
+from analysis.shadow.model.table import load_table
 from analysis.signal_prediction.prediction import published_prediction
 from boat_daq.cli import app
 from tests.docs.pages import ROOT
@@ -59,6 +62,36 @@ def test_limits_of_the_shadow_are_those_of_shadow_solve() -> None:
     assert cells(PAPER, "shadow: pressure of buckling")[2] == f"{found['critical_pressure_kpa']:.1f}"
     ends = [found["elongation_mm"], called("shadow", "solve", "--pressure", "50")["elongation_mm"]]
     assert cells(PAPER, "shadow: elongation at -40 and +50 kPa")[2] == ", ".join(f"{x:+.5f}" for x in ends)
+
+
+def test_errors_of_the_shadow_are_those_of_shadow_solve_and_table() -> None:
+    """Of mesh and table, the range of the table, and the uncertainty from the modulus."""
+    solved, made = called("shadow", "solve", "--pressure", "50", "--model", "reduced"), called("shadow", "table")
+    says(SHADOW, "one for all, {} x ({} + {}) elements".format(*solved["mesh"]))
+    says(SHADOW, f"(`error_mm`) is {solved['error_mm']:g} mm")
+    says(SHADOW, f"are within {MESH_ERROR_PERCENT:g} % of the elongation")  # see tests/verification/test_mesh_error.py
+    says(SHADOW, f"held-out states: {made['error_bound_mm']:.1e} mm".replace("e-04", "e-4"))
+    (low, high), (least, greatest) = made["pressure_range_kpa"], made["elongation_range_mm"]
+    says(SHADOW, f"{low:.1f} to {high:+.0f} kPa and {least:.1f} to {greatest:+.1f} mm")
+    _, u = load_table().nominal_elongation(np.array([50.0, -40.0]))
+    says(SHADOW, f"u = {u[0]:.3f} mm at +50 kPa and {u[1]:.3f} mm at -40 kPa")
+
+
+@pytest.mark.nightly
+def test_buckling_of_other_actuators_is_that_of_shadow_solve(tmp_path: Path) -> None:
+    """Other walls, and the lattice's modulus."""
+    file = tmp_path / "actuator.toml"
+
+    def critical(text: str) -> float:
+        file.write_text(text)
+        found = called("shadow", "solve", "--pressure", "-1", "--parameters", str(file))
+        return float(found["critical_pressure_kpa"])
+
+    for wall, modulus, neck in ((1.8, 1413.6, 4.757), (2.4, 1276.6, 4.048)):
+        kpa = critical(f"wall_mm = {wall}\nwall_modulus_kpa = {modulus}\nneck_radius_mm = {neck}\n")
+        says(SHADOW, f"{kpa:.0f} kPa for {wall} mm ({modulus} kPa")
+    soft, stiff = (critical(f"lattice_modulus_kpa = {18.34 + change}\n") for change in (-1.86, 1.86))
+    says(SHADOW, f"shifts this by {(soft - stiff) / 2:.1f} kPa")
 
 
 @pytest.mark.nightly
@@ -133,7 +166,8 @@ def test_readings_are_those_of_reproduce_optics() -> None:
 def test_the_table_of_the_paper_is_that_of_reproduce(tmp_path: Path) -> None:
     """Computed rows are equal; those of sensors, whose noise differs, are within their two intervals."""
     rows = {row["quantity"]: row for row in called("reproduce", "--out", str(tmp_path))["rows"]}
-    for name in (f"sensor {n}: {what}" for n in (1, 2) for what in ("b0", "b1", "b2", "b3", "sensitivity", "SNR")):
+    known = ("b0", "b1", "b2", "b3", "sensitivity", "SNR", "hysteresis over pressure, 100 cycles")
+    for name in ("system: sensitivity", *(f"sensor {n}: {what}" for n in (1, 2) for what in known)):
         row, shown = rows[name], cells(PAPER, name)
         assert abs(float(shown[2]) - row["ours"]) < 2.0 * (row["high"] - row["low"])
         assert float(shown[1]) == pytest.approx(row["paper"], rel=1e-5)

@@ -1,14 +1,10 @@
 """Elongation as a setpoint: signals in, the next pressure out. Arrays and numbers only: no thread, port or clock.
 
-Strategy: feed-forward through the exact inverse of the identified hysteresis, with the lag of the pneumatics taken out
-by the setpoint's own rate and acceleration, and an integrator on what is left: setpoint less measured elongation, both
-at the instant of the samples. The sensors are fused by their variances. A step of the setpoint is shaped by a
-critically damped filter with a limited rate, so that the pump can follow; ramps and sines are followed as they are.
-
-Rules: every pressure lies inside the limits and changes no faster than the ramp; where it would not, the integrator
-does not grow (anti-windup). The first pressure is that at the start (bumpless): memory and integrator begin so. A
-sensor that leaves its range, or repeats one reading, is lost and stays so: the others carry on. What cannot be
-controlled stops with a code: elongation unknown, sensors in disagreement, uncertainty or deviation beyond its bound.
+Feed-forward through the inverse of the hysteresis, the lag taken out by the setpoint's own rate and acceleration, and
+an integrator on what is left. A step is shaped by a critically damped filter with a limited rate; ramps and sines are
+followed as they are. Every pressure lies inside the limits and changes no faster than the ramp; where it would not, the
+integrator does not grow. The first pressure is that at the start. What cannot be controlled stops with a code:
+elongation unknown, sensors in disagreement, uncertainty or deviation beyond its bound.
 """
 
 from __future__ import annotations
@@ -151,11 +147,7 @@ class ElongationController:
             )
 
     def begin(self, time_s: float, pressure_kpa: float, signal_mv: FloatArray) -> float:
-        """Start without a bump and return the measured elongation, mm.
-
-        `pressure_kpa`: commanded now, or measured on a vented unit. `signal_mv`: [n, sensors] of the last samples.
-        Raises RequestError: no elongation is known, or the sensors disagree.
-        """
+        """Start without a bump and return the measured elongation, mm."""
         self.sensors = SensorWatch(self.sensors.fusion, self._step_mv, self._loops)
         self._lasted_s = dict.fromkeys(StopCode, 0.0)
         found = self.sensors.measure(signal_mv, 0.0)
@@ -182,9 +174,8 @@ class ElongationController:
     ) -> Output:
         """Return the next pressure.
 
-        `time_s`: now, on the board's clock. `sampled_s`: mean time of the samples. `setpoint`: the present one: mm,
-        mm/s and mm/s2. `signal_mv`: [n, sensors] since the last call; NaN where a sample is not to be used. `shaped`:
-        it is a step, which is made smooth; else it is followed as it is.
+        `sampled_s`: mean time of the samples. `setpoint`: mm, mm/s and mm/s2. `signal_mv`: [n, sensors] since the last
+        call; NaN where a sample is not to be used. `shaped`: it is a step, which is made smooth.
         """
         dt = max(time_s - self._time_s, 1e-3)
         self._time_s = time_s

@@ -26,10 +26,7 @@ def dynamic_calibration(
     loops: SensorLoops | None = None,
     calibration_utc: str = "",
 ) -> DynamicCalibration:
-    """Return the dynamics of a run with steps or sines of elongation.
-
-    Raises DataError: it has neither, or the elongation at a step is not known.
-    """
+    """Return the dynamics of a run with steps or sines of elongation."""
     segments = recorded_segments(recording)
     stepped, swept = any(one.step_mm for one in segments), any(one.is_sine_of_elongation for one in segments)
     if not (stepped or swept):

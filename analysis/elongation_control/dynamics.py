@@ -1,14 +1,11 @@
 """Dynamics of the elongation: a model from one step test, the loop's margins, a Bode plot from a sweep, step figures.
 
-From the commanded elongation to the elongation the model is a delay and a second-order lag of gain 1: the inverse of
-the hysteresis takes the static gain out. It is fitted to the response to a known command by least squares, with
-intervals from the residuals' covariance, widened for their autocorrelation.
+The model is a delay and a second-order lag of gain 1, fitted by least squares, with intervals widened for the
+residuals' autocorrelation. The loop is an integrator, the model, and the controller's period: half of it from holding
+the command, half from averaging the samples.
 
-The loop is an integrator, the model, and the controller's own period: half of it from holding the command, half from
-averaging the samples. Margins are read from its frequency response on a fine grid.
-
-Sources: K. J. Astrom, R. M. Murray, Feedback Systems, 2nd edition (2021), chapters 10 and 11.
-Definitions of rise, settling and overshoot: IEC 60050-351.
+Sources: K. J. Astrom, R. M. Murray, Feedback Systems, 2nd edition (2021), chapters 10 and 11; IEC 60050-351 (rise,
+settling, overshoot).
 """
 
 from __future__ import annotations
@@ -75,11 +72,7 @@ class Margins:
 
 
 def fit_lag(time_s: FloatArray, command_mm: FloatArray, elongation_mm: FloatArray) -> Lag:
-    """Return the model of a recorded response.
-
-    `time_s`, `command_mm`, `elongation_mm`: [n]; the command in millimetres, as the inverse of the hysteresis took it.
-    Raises DataError: too few samples, or a response that does not follow the command.
-    """
+    """Return the model of a recorded response."""
     known = np.isfinite(elongation_mm) & np.isfinite(command_mm)
     time_s, command, x = time_s[known], command_mm[known], elongation_mm[known]
     step = abs(float(command[-1] - command[0])) if len(x) else 0.0
@@ -138,11 +131,7 @@ def integral_for(lag: Lag, period_s: float, *, phase_deg: float = 60.0, gain_db:
 
 
 def bode_point(time_s: FloatArray, setpoint: FloatArray, elongation: FloatArray, frequency_hz: float) -> BodePoint:
-    """Return gain and phase at one frequency, by least squares of sine, cosine, mean and trend.
-
-    `time_s`, `setpoint`, `elongation`: [n] of whole periods after the transient.
-    Raises DataError: fewer than twelve samples.
-    """
+    """Return gain and phase at one frequency, by least squares of sine, cosine, mean and trend."""
     known = np.isfinite(elongation) & np.isfinite(setpoint)
     if known.sum() < 12:
         raise DataError(f"too few samples at {frequency_hz:g} Hz", "Sample faster, or sweep more periods.")
@@ -211,10 +200,7 @@ def lag_figures(lag: Lag, tolerance: float = 0.02, draws: int = 200, seed: int =
 def step_figures(
     time_s: Sequence[FloatArray], elongation_mm: Sequence[FloatArray], steps_mm: Sequence[float], tolerance_mm: float
 ) -> dict[str, DynamicFigure]:
-    """Return rise, settling, overshoot and time constant of repeated steps: mean and its 95 % interval (Student t).
-
-    `time_s`, `elongation_mm`: [n] for each step, 0 at the command and at its begin.
-    """
+    """Return rise, settling, overshoot and time constant of repeated steps: mean and its 95 % interval (Student t)."""
     rows = np.array([
         _recorded_values(t, x / step, tolerance_mm / abs(step))
         for t, x, step in zip(time_s, elongation_mm, steps_mm, strict=True)

@@ -1,14 +1,9 @@
 """The actuator's hysteresis, identified from a run, and its exact inverse: the feed-forward of the controller.
 
-A generalised Prandtl-Ishlinskii model: elongation = offset + sum of weight * play. A play is a clamp: under the
-pressure v it moves its state no further than into [up(v) - r, down(v) + r], with one parabola as the envelope of rising
-and one as that of falling pressure. From a given memory the elongation is a monotone, piecewise linear function of the
-envelope, so that the pressure for an elongation follows in closed form: sort the breakpoints, interpolate, solve the
-parabola. The memory is that of the pressures commanded so far.
-
-Identification: for given envelopes the weights are a non-negative least-squares problem; the two curvatures are
-searched outside of it (variable projection). The part of a run before the pressure first turned at either end is left
-out: the memory of a unit that is switched on is not known.
+A generalised Prandtl-Ishlinskii model: elongation = offset + sum of weight * play. Under the pressure v a play moves
+its state no further than into [up(v) - r, down(v) + r]; up and down are parabolas. From a given memory the elongation
+is piecewise linear in the envelope, which gives the inverse in closed form. Weights are found by non-negative least
+squares, the two curvatures outside of it. What precedes the first turn at either end is left out: unknown memory.
 
 Sources: M. Al Janaideh, S. Rakheja, C.-Y. Su, Mechatronics 19 (2009) 656-670; IEEE/ASME Trans. Mechatronics 16 (2011)
 734-744 for the inverse; G. Golub, V. Pereyra, SIAM J. Numer. Anal. 10 (1973) 413 for variable projection.
@@ -98,12 +93,7 @@ class HysteresisModel:
 
 
 def identify(pressure_kpa: FloatArray, elongation_mm: FloatArray, plays: int = _PLAYS) -> HysteresisModel:
-    """Return the hysteresis of a run by least squares.
-
-    `pressure_kpa`, `elongation_mm`: [n] in order of time; NaN where not known. At least one swing between both ends.
-
-    Raises DataError: too few points, too small a span, no turn at both ends, or a model that does not describe them.
-    """
+    """Return the hysteresis of a run in order of time, NaN where not known, that swings between both ends."""
     known = np.isfinite(pressure_kpa) & np.isfinite(elongation_mm)
     share = max(1, int(known.sum()) // MOST_POINTS)
     pressure, elongation = (_means(values[known], share) for values in (pressure_kpa, elongation_mm))
@@ -163,14 +153,7 @@ def _without_curvature(envelope: float, curvature: float) -> float:
 def _plays(
     pressure_kpa: FloatArray, radii: FloatArray, up: float, down: float, memory: FloatArray | None = None
 ) -> FloatArray:
-    """Return the states [n, m] of plays under pressures [n] in turn.
-
-    `pressure_kpa`: [n]. `radii`: [m]. `memory`: [m] before the first; zeros by default.
-
-    Notes
-    -----
-    A composition of clamps is a clamp, so a prefix scan (Hillis, Steele 1986) needs log2(n) passes.
-    """
+    """Return the states [n, m] of plays under pressures [n]; a prefix scan (Hillis, Steele 1986), as clamps compose."""
     square = pressure_kpa * pressure_kpa
     low = (pressure_kpa + up * square)[:, None] - radii
     high = (pressure_kpa + down * square)[:, None] + radii

@@ -32,11 +32,7 @@ class FusedElongation:
 
 
 class SensorWatch:
-    """Fuses the sensors of one unit, period by period.
-
-    `step_mv`: resolution of the converter; 0 where it is not known, and a constant signal is then no sign of a loss.
-    `loops`: of the sensors over elongation, which are taken out; None where none are known.
-    """
+    """Fuses the sensors of one unit; where `step_mv` is 0, unknown, a constant signal is no sign of a loss."""
 
     def __init__(self, fusion: Fusion, step_mv: float = 0.0, loops: SensorLoops | None = None) -> None:
         n = len(fusion.inverses)

@@ -63,10 +63,7 @@ class RecordedSegment:
 def run_elongation(
     recording: Recording, fusion: Fusion, loops: SensorLoops | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the elongation of every sample [n] and its expanded uncertainty (k = 2), mm; NaN where unknown.
-
-    `recording`, `fusion`: the run, and the calibration in force.
-    """
+    """Return the elongation of every sample [n] and its expanded uncertainty (k = 2), mm; NaN where unknown."""
     usable = (recording.flags & _NO_SIGNAL) == 0
     signal_mv = np.where(usable[:, None], recording.signal_mv, np.nan)
     found = fusion.evaluate(signal_mv)
@@ -76,10 +73,7 @@ def run_elongation(
 
 
 def _loop_signals(loops: SensorLoops, elongation_mm: FloatArray) -> FloatArray:
-    """Return what the loops add to the signals [n, sensors] over an elongation [n] without noise, which begins at rest.
-
-    Noise would move the plays of the loop by its peaks.
-    """
+    """Return what the loops add to signals [n, sensors] over an elongation [n] without noise, from rest."""
     memory, mm, rows = loops.rest(0.0), 0.0, np.empty((len(elongation_mm), len(loops.half_mv)))
     for i, now in enumerate(elongation_mm.tolist()):
         if math.isfinite(now):
@@ -140,11 +134,7 @@ def step_test_lag(recording: Recording, fusion: Fusion, model: HysteresisModel) 
 
 
 def bode_of_run(recording: Recording, fusion: Fusion, loops: SensorLoops | None = None) -> tuple[BodePoint, ...]:
-    """Return gain and phase of the elongation over its setpoint, at each frequency and amplitude of a run's sines.
-
-    The repeats that are averaged are the sines, or the periods of the only one.
-    Raises DataError: no sine of elongation.
-    """
+    """Return gain and phase of the elongation over its setpoint, at each frequency and amplitude of a run's sines."""
     elongation, _ = run_elongation(recording, fusion, loops)
     sines: dict[tuple[float, float], list[RecordedSegment]] = {}
     for one in recorded_segments(recording):
@@ -198,10 +188,7 @@ class StepResponse:
 def step_responses(
     recording: Recording, fusion: Fusion, loops: SensorLoops | None = None
 ) -> dict[float, list[StepResponse]]:
-    """Return the responses to a run's steps in millimetres, by the size of the step.
-
-    Raises DataError: no step of elongation.
-    """
+    """Return the responses to a run's steps in millimetres, by the size of the step."""
     elongation, _ = run_elongation(recording, fusion, loops)
     smooth = _smoothed(elongation)
     sizes: dict[float, list[StepResponse]] = {}

@@ -58,10 +58,7 @@ class TwinFile:
 
 
 def read_twin(path: Path) -> TwinFile | None:
-    """Return the unit of a file; None where there is no file.
-
-    Raises FileError: it is damaged, or of a newer version.
-    """
+    """Return the unit of a file; None where there is no file."""
     try:
         content = json.loads(read_regular(path, _MOST_BYTES))
     except FileNotFoundError:

@@ -19,18 +19,7 @@ from protocol.base.errors import ChoiceError
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """Cavities in the waveguides, the state of the actuator, and the light: what `boat-daq optics trace` takes.
-
-    Attributes
-    ----------
-    spacing_mm : distance of neighbouring cavities, wall to wall.
-    face : outer, inner, both, or midline (voids inside the guide).
-    state : 0 (most compressed) to 14 (most elongated); None is the state at rest.
-    rays : number that the emitter releases.
-    secondary : number of reflected rays that are followed.
-    index : refractive index of the resin.
-    curves : name or file of the guides' centrelines; the shadow's by default.
-    """
+    """What `boat-daq optics trace` takes; a `state` of None is the state at rest."""
 
     cavities: int = 5
     width_mm: float = 1.0

@@ -1,14 +1,10 @@
 """Detected light over elongation, traced once for an actuator and then kept.
 
-Strategy: the shapes of the guides follow from the full model at many pressures, by a spline over elongation; the light
-of the paper's pattern is traced in them, every reflection followed. It falls in steps, where rays pass from one
-cavity's wall to the next: intervals are halved, their neighbours too, until the light in the middle is that between
-their ends. All are halved once more: with a loss of the guide, where the light is traced at the same elongations, the
-steps are larger shares of its range.
+It falls in steps, where rays pass from one cavity's wall to the next: intervals are halved, their neighbours too, until
+the light in the middle is that between their ends, and once more for the losses, where steps are larger shares.
 
-The table of the default actuator, with its cavities in the outer face, comes with the program (`light.csv`); those of
-others are kept in the user's cache, named by a hash of all that they depend on. What was traced is kept there from
-time to time: work that was stopped continues from it.
+The table of the default actuator, with its cavities in the outer face, comes with the program (`light.csv`); others are
+kept in the user's cache. Work that was stopped continues from what is kept.
 """
 
 from __future__ import annotations
@@ -115,10 +111,7 @@ def _digest(actuator: ActuatorParameters, face: Face) -> str:
 
 
 class GuideShapes:
-    """The tracked points of both guides over elongation: solved at even pressures, and a spline between.
-
-    Raises RequestError: the actuator has no states at these pressures, or does not lengthen with them.
-    """
+    """The tracked points of both guides over elongation: solved at even pressures, and a spline between."""
 
     def __init__(self, actuator: ActuatorParameters, shapes: int = _SHAPES) -> None:
         full, solved = FullModel(actuator), list[Solution]()

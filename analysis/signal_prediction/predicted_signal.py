@@ -1,14 +1,8 @@
 """The signals that the chain predicts: pressure, shape, rays, light, voltage; and what disagrees with it.
 
-Strategy: the light of the paper's pattern is traced once at many elongations and at three losses of the guide (see
-`light_table.py`). A sensor's signal is gain times light plus offset; gain, offset and loss are fitted to one
-calibration run by least squares. For a given loss gain and offset are linear, so that only the loss is searched, within
-its bounds. A frame then costs an interpolation.
-
-Rules: the band holds the fit's own misfit (what the chain leaves out) beside the noise, because the misfit is the
-larger part by far. Which link of the chain disagrees is decided by the calibration, which is closer: both sensors at
-one elongation that the pressure does not explain are mechanics, both shifted by one voltage are electronics, else
-optics.
+A signal is gain times light plus offset, with a loss of the guide: for a given loss the others are linear, so that only
+the loss is searched. The band holds the fit's own misfit, by far its larger part. Both sensors at one elongation that
+the pressure does not explain are mechanics, both shifted by one voltage electronics, else optics.
 """
 
 from __future__ import annotations
@@ -68,12 +62,7 @@ class PredictedSignal:
 def fit_signal_model(
     elongation_mm: FloatArray, signal_mv: FloatArray, table: LightTable | None = None, *, fit_loss: bool = True
 ) -> PredictedSignal:
-    """Return the forward model of one sensor, fitted to readings.
-
-    `elongation_mm`, `signal_mv`: [n], a calibration run. `table`: the light; the stored table by default.
-    `fit_loss`: False keeps the guide's loss at 0: gain and offset alone.
-    Raises DataError: too few readings inside the table.
-    """
+    """Return the forward model of one sensor, fitted to readings [n]; the loss is 0 unless `fit_loss`."""
     light = table or stored_light()
     ends = light.elongation_mm[[0, -1]] + [-0.1, 0.1]  # a reading may lie a little beyond
     known = np.isfinite(elongation_mm) & np.isfinite(signal_mv)
@@ -116,15 +105,9 @@ def fit_signal_model(
 def what_disagrees(residual_mv: FloatArray, slope_mv_per_mm: FloatArray, u_mv: FloatArray, u_mm: float) -> Disagreement:
     """Return which link of the chain does not fit at an instant.
 
-    `residual_mv`: [sensors] measured signal less that of the calibration at the elongation expected from the pressure.
-    `slope_mv_per_mm`: [sensors] of the calibration there. `u_mv`: [sensors] standard uncertainty of a signal, noise and
-    curve. `u_mm`: standard uncertainty of the expected elongation, hysteresis included.
-
-    Notes
-    -----
-    Each hypothesis has one free shift: of the elongation (slope times shift) or of the voltage (one shift for all). The
-    one that leaves the smaller weighted sum of squares is chosen, if what it leaves is credible; else one sensor alone
-    is off, which no shift explains.
+    `residual_mv`: signal less that of the calibration at the elongation expected from the pressure. Each hypothesis has
+    one free shift: of the elongation (slope times shift) or of the voltage (one for all). The one that leaves the
+    smaller weighted sum of squares is chosen, if that is credible; else one sensor alone is off.
     """
     known = np.isfinite(residual_mv)
     r, b, u = residual_mv[known], slope_mv_per_mm[known], u_mv[known]

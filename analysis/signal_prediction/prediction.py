@@ -68,10 +68,9 @@ class RunPrediction:
 def predict_sensors(
     points: Sequence[tuple[FloatArray, FloatArray]], light: LightTable | None = None, *, cycles: int = 0
 ) -> tuple[SensorPrediction, ...]:
-    """Return the forward models of sensors from their readings.
+    """Return the forward models of sensors from their readings, (elongation mm [n], signal mV [n]) of each.
 
-    `points`: (elongation mm [n], signal mV [n]) for each sensor. `light`: that of the actuator; of the default one
-    where None. `cycles`: how many the readings are of, in their order; without any, every fifth reading is left out.
+    `cycles`: how many the readings are of; without any, every fifth reading is left out.
     """
     return tuple(
         _predict_sensor(x, y, light, np.arange(len(x)) * cycles // len(x) if cycles > 1 else np.arange(len(x)) % 5)
@@ -125,10 +124,7 @@ def published_prediction(points: int = 60) -> tuple[SensorPrediction, ...]:
 def predict_run(
     recording: Recording, model: HysteresisModel, fusion: Fusion, sensors: tuple[SensorPrediction, ...]
 ) -> RunPrediction:
-    """Return a run beside the chain: pressure, elongation by the hysteresis, light, signals.
-
-    Raises DataError: the run has another number of sensors.
-    """
+    """Return a run beside the chain: pressure, elongation by the hysteresis, light, signals."""
     if recording.n_sensors != len(sensors):
         raise DataError(
             f"the run has {recording.n_sensors} sensors, the calibration {len(sensors)}", "Choose a run of this unit."
@@ -198,10 +194,7 @@ def live_prediction(
 
 
 def second_by_second(time_s: FloatArray, signal_mv: FloatArray, expected_mm: FloatArray, fusion: Fusion) -> list[str]:
-    """Return for every sample what disagrees over the second around it.
-
-    `time_s`, `expected_mm`: [n]. `signal_mv`: [n, sensors].
-    """
+    """Return for every sample what disagrees over the second around it."""
     blocks = np.floor(time_s / AVERAGE_S).astype(np.int64)
     edges = np.flatnonzero(np.diff(blocks, prepend=blocks[:1] - 1))
     words: list[str] = []
@@ -221,10 +214,7 @@ def _mean(values: FloatArray) -> float:
 def disagreement(
     signal_mv: FloatArray, expected_mm: float, samples: int, fusion: Fusion, *, u_mm: float = EXPECTED_U_MM
 ) -> Disagreement:
-    """Return what disagrees in the mean of some samples.
-
-    `signal_mv`: [sensors] means. `u_mm`: standard uncertainty of the expected elongation.
-    """
+    """Return what disagrees in the mean of some samples; `u_mm` has the hysteresis in it."""
     residual, slope, u = (np.full(len(fusion.inverses), np.nan) for _ in range(3))
     for i, inverse in enumerate(fusion.inverses):
         low, high = inverse.x_range

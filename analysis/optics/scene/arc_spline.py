@@ -56,12 +56,7 @@ class ArcSpline:
 
 
 def smooth(points: FloatArray, knots: int = 10) -> tuple[FloatArray, FloatArray]:
-    """Return points and unit tangents of the cubic spline through `points`, at `knots` even steps or at the points.
-
-    `points`: (n, 2) in mm, n >= 4, no two neighbours equal.
-    Returns points (k, 2) in mm and unit tangents (k, 2).
-    Raises DataError: two neighbouring points coincide.
-    """
+    """Return points (k, 2), mm, and unit tangents (k, 2) of the cubic spline through `points`, at `knots` or more."""
     chord = np.hypot(*np.diff(points, axis=0).T)
     if not np.all(chord > 1e-9 * chord.sum()):
         raise DataError("two neighbouring points of a guide coincide", "remove the repeated point from the curve file")
@@ -73,14 +68,9 @@ def smooth(points: FloatArray, knots: int = 10) -> tuple[FloatArray, FloatArray]
 
 
 def biarcs(points: FloatArray, tangents: FloatArray) -> ArcSpline:
-    """Join points (n, 2) with given unit tangents (n, 2) by biarcs: two arcs a span with equal control lengths.
-
-    With v the chord and T0, T1 the tangents, the control length d solves |v - d (T0 + T1)| = 2 d; the joint lies midway
-    between the control points and its tangent along them.
+    """Join points (n, 2) with unit tangents (n, 2) by biarcs with equal control lengths d, |v - d (T0 + T1)| = 2 d.
 
     Source: K. M. Bolton, Biarc curves, Computer-Aided Design 7 (1975) 89-92.
-
-    Raises DataError: a span doubles back on itself.
     """
     v = np.diff(points, axis=0)
     t0, t1 = tangents[:-1], tangents[1:]

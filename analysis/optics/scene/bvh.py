@@ -19,16 +19,10 @@ LEAF_SURFACES = 3
 
 @inside
 def build_bvh(surfaces: FloatArray, order: IntArray, n: int, boxes: FloatArray, nodes: IntArray) -> None:
-    """Build a BVH over the surfaces order[:n].
+    """Build a BVH over the surfaces order[:n], neighbours of the outline side by side.
 
-    Parameters
-    ----------
-    surfaces : (s, 16) rows as in `frame.py`.
-    order : (s,) numbers of the surfaces, neighbours of the outline side by side.
-    n : how many of them are present, one or more.
-    boxes : (2 s + 2, 4) is filled with centre and half size of each node.
-    nodes : (2 s + 2, 3) is filled with the node after a miss (of the root: the number of all nodes), and the first and
-        last + 1 place in `order` (0 for a node with children).
+    `boxes`: (2 s + 2, 4) is filled with centre and half size of each node. `nodes`: (2 s + 2, 3), with the node after a
+    miss (of the root: the number of all), and the first and last + 1 place in `order` (0 for a node with children).
     """
     stack = np.empty((64, 2), dtype=np.int64)
     stack[0, 0], stack[0, 1] = 0, (n + LEAF_SURFACES - 1) // LEAF_SURFACES

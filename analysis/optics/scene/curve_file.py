@@ -45,11 +45,7 @@ def curves_named(name: str) -> FloatArray:
 
 
 def read_curves(path: Path) -> FloatArray:
-    """Read the curves of 1 or 15 states.
-
-    Returns (states, 2, points, 2) in mm; guides with fewer points than the longest are rejected, not padded.
-    Raises FileError: not found, empty, not numbers, too few points, or guides and states that cannot be separated.
-    """
+    """Read the curves of 1 or 15 states, (states, 2, points, 2) in mm; a guide with fewer points is rejected."""
     files = sorted(path.glob("*.csv"), key=_natural) if path.is_dir() else [path]
     if len(files) not in (1, STATES):
         raise FileError(f"{path} holds {len(files)} CSV files", f"put {STATES} into it, one for each state")

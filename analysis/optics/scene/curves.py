@@ -57,10 +57,9 @@ def parametric_elongations() -> FloatArray:
 
 
 def parametric_curves(states: FloatArray | None = None) -> FloatArray:
-    """Return two guides bowed like a boat's sides: half a sine over the actuator's length, points even along it.
+    """Return two guides bowed like a boat's sides, x = +-bow sin(pi z / length), (states, 2, 7, 2), mm.
 
-    `states`: elongation of each state, mm; by default the 15 of `parametric_elongations`.
-    Returns (states, 2, 7, 2), mm: x = +-bow sin(pi z / length).
+    `states`: elongation of each, mm; by default the 15 of `parametric_elongations`.
     """
     e = parametric_elongations() if states is None else np.asarray(states, dtype=float)
     part = np.linspace(0.0, 1.0, POINTS)
@@ -71,10 +70,7 @@ def parametric_curves(states: FloatArray | None = None) -> FloatArray:
 
 
 def checked_curves(curves: FloatArray) -> FloatArray:
-    """Return `curves` as float64 (states, 2, points, 2), checked.
-
-    Raises DataError: wrong shape, fewer than 7 points, not finite, or of a size that is not in mm.
-    """
+    """Return `curves` as float64 (states, 2, points, 2), checked."""
     curves = np.asarray(curves, dtype=np.float64)
     if curves.ndim != 4 or curves.shape[1] != 2 or curves.shape[3] != 2:
         raise DataError(

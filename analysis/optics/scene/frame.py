@@ -91,10 +91,7 @@ def line_surface(start: FloatArray, end: FloatArray) -> FloatArray:
 
 
 def arc_surface(curve: ArcSpline, arc: int, u: float, span: tuple[float, float]) -> FloatArray:
-    """Return the offset of one arc as a surface, the resin on the centreline's side, (16,).
-
-    `u`: offset to the left, mm. `span`: arc lengths between which the surface reaches, mm.
-    """
+    """Return the offset of one arc as a surface, the resin on the centreline's side, (16,)."""
     (x, y, tx, ty, _), k = curve.nodes[arc], curve.curvature[arc]
     (start, end), (tangent_a, tangent_b) = curve.offset(np.array(span), u), curve.frame(np.array(span))[1]
     circle = [x, y, -ty, tx, k, -u + k * u * u / 2, -np.sign(u), 1 / (1 - k * u)]
@@ -138,10 +135,7 @@ def _hull(edges: Edges) -> FloatArray:
 def free_edges(guides: list[ArcSpline], half: float, junction: FloatArray) -> IntArray:
     """Return (g, m, 2): 1 where the whole scene lies behind the tangents and the chord of an arc's left or right edge.
 
-    Light that leaves there, or through the mouth of a cavity cut there, meets nothing more. Cavities only remove resin,
-    so this holds for every design.
-
-    `junction`: (j, 16) surfaces of the junctions.
+    Light that leaves there meets nothing more. Cavities only remove resin, so this holds for every design.
     """
     edges = [[_edges(curve, side * half) for side in (1.0, -1.0)] for curve in guides]
     hulls = [_hull(e) for pair in edges for e in pair]
@@ -161,10 +155,7 @@ def _edges(curve: ArcSpline, u: float) -> Edges:
 
 
 def _behind(points: FloatArray, edges: Edges, side: float, slack: float) -> IntArray:
-    """Return whether no point lies on the outer side (left for +1) of the tangents at both ends nor of the chord.
-
-    An arc's own points may lie beyond its chord, by its bulge.
-    """
+    """Return whether no point lies on the outer side (left for +1) of the tangents at both ends nor of the chord."""
     a, tangent_a, b, tangent_b = edges
     out = np.ones(len(a), dtype=bool)
     chord = (b - a) / np.hypot(*(b - a).T)[:, None]
@@ -188,10 +179,7 @@ def check_bends(curve: ArcSpline, half: float, name: str) -> None:
 
 
 def two_guides(left: ArcSpline, right: ArcSpline, guide: Waveguide, name: str = "the guides") -> SceneFrame:
-    """Join two centrelines that share both ends into stems, junctions and guides.
-
-    `left`, `right`: centrelines from the emitter's junction to the receiver's, the left one first.
-    """
+    """Join two centrelines that share both ends into stems, junctions and guides."""
     half = guide.thickness_mm / 2
     for number, curve in enumerate((left, right), start=1):
         check_bends(curve, half, f"{name}: guide {number}")
@@ -222,8 +210,7 @@ def _frame(
 def one_strip(curve: ArcSpline, guide: Waveguide, emitter: FloatArray | None = None) -> SceneFrame:
     """Return a single guide with square ends, its end face the receiver: the scene of the closed forms.
 
-    `guide`: thickness and index; the stems do not apply. `emitter`: x, y, direction x, y; by default `backing_mm`
-    inside the start, looking along the guide.
+    `emitter`: x, y, direction x, y; by default `backing_mm` inside the start, looking along the guide.
     """
     half = guide.thickness_mm / 2
     check_bends(curve, half, "the guide")
@@ -352,10 +339,7 @@ def _pieces(curve: ArcSpline, s0: float, s1: float) -> list[tuple[int, tuple[flo
 
 
 def check_design(frame: SceneFrame, design: Design, name: str) -> None:
-    """Reject cavities that cut through the guide or do not fit between the junctions.
-
-    Raises RequestError, with the length that is free, or the guide's thickness.
-    """
+    """Reject cavities that cut through the guide or do not fit between the junctions."""
     thickness = 2 * frame.half_mm
     if design.cavities and design.cut_mm >= thickness * (1 - 1e-6):
         raise RequestError(

@@ -113,10 +113,7 @@ def _cut_guide(
     deep: float,
     side: int,
 ) -> int:
-    """Fill cells from `first` on; return the number after the last one.
-
-    `walls`: arc lengths of the cavities' walls, rising. `half`, `deep`: half the thickness and the cavities' depth, mm.
-    """
+    """Fill cells from `first` on; return the number after the last one."""
     cells, arc, wall, c, s, last = g.cells, 0, 0, first, ends[0], ends[1]
     while nodes[arc + 1, 4] <= s + _SLIVER:
         arc += 1
@@ -208,11 +205,7 @@ def _step_in_both(g: Geometry, thick: int, thin: int) -> None:
 
 @inside
 def _fork(g: Geometry, full: int, left: int) -> None:
-    """Write the wall between a full cell and a void, and link the full cell to the two cells beside the void.
-
-    `full`: the cell before or after the void. `left`: the cell on the left of the void; the one on its right is the
-    next.
-    """
+    """Write the wall between a full cell and a void, and link the full cell to the two cells beside the void."""
     at_end = left > full  # the void begins there
     _wall(g, full, at_end, g.cells[left + 1, C_LEFT], g.cells[left, C_RIGHT])
     g.links[full, WALL_AFTER if at_end else WALL_BEFORE] = FORK
@@ -339,10 +332,7 @@ def _write_order(g: Geometry, first: IntArray) -> int:
 
 @inside
 def allocate(guides: int, arcs: int, junction: int, most_cavities: int, source_cell: int, face: int) -> Geometry:
-    """Return unfilled arrays for guides of so many arcs with up to so many cavities each; `build` fills them.
-
-    `face`: number of the face with the cavities; the largest of several.
-    """
+    """Return unfilled arrays for guides of so many arcs with up to so many cavities each; `build` fills them."""
     cells = guides * (arcs + 2 * most_cavities + 2) * (2 if face == MIDLINE else 1)
     n = 4 * cells + junction
     return Geometry(
@@ -376,10 +366,7 @@ def _place_walls(walls: FloatArray, middle: float, pattern: FloatArray) -> None:
 
 @inside
 def build(g: Geometry, frame: SceneFrame, pattern: FloatArray) -> None:
-    """Cut the guides of a frame by a pattern of cavities.
-
-    `pattern`: cavities, width, depth, spacing (mm), number of the face in `parameters.FACES`.
-    """
+    """Cut the guides of a frame by a pattern of cavities."""
     guides, n, face = len(frame.nodes), int(pattern[0]), int(pattern[4])
     for i in range(len(g.kinds)):
         g.kinds[i], g.corners[i], g.owners[i] = NO_SURFACE, 0, NO_CAVITY

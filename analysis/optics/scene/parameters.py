@@ -55,11 +55,7 @@ def _one_of(name: str, value: str, allowed: tuple[str, ...]) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Design:
-    """The cavities of one guide: a centred row of equal rectangular cavities in one of its faces.
-
-    `face`: which face carries them, 'outer' (away from the other guide; default), 'inner' or 'both' (opposite each
-    other); 'midline' makes them voids inside the guide, centred on its centreline.
-    """
+    """The cavities of one guide: a centred row of equal rectangular cavities in one of its faces."""
 
     cavities: int = 5  # how many, 0 (a plain guide) or more; the paper's are 3, 5 and 7
     width_mm: float = 1.0
@@ -106,10 +102,7 @@ PAPER_OPTIMUM = Design(5, 1.0, 0.5, 0.9)
 
 @dataclass(frozen=True, slots=True)
 class Waveguide:
-    """The guide: what the paper leaves out, with the default of each.
-
-    `thickness_mm`: that of the guides and their stems; the packages of emitter and receiver are 2 mm.
-    """
+    """The guide: what the paper leaves out, with the default of each."""
 
     thickness_mm: float = 2.0
     index: float = 1.50  # refractive index of the resin at 860 nm, known to 0.02
@@ -195,10 +188,7 @@ class Light:
 
 
 def light_by(by: By, rays: int) -> Light:
-    """Return the light by which designs are ranked: the paper's budget in proportion to the rays, or all reflections.
-
-    `by`: 'count' of detected rays, or their 'power', of which secondaries beyond the budget would be missing.
-    """
+    """Return the light by which designs are ranked: the budget in proportion to the rays, or all reflections."""
     _one_of("ranking", by, BYS)
     light = Light() if by == "count" else Light(secondary=ALL, faintest=FULL_FAINTEST)
     return light.with_rays(rays)

@@ -79,12 +79,7 @@ class OpticalScene:
 
 
 def read_scene(path: Path | None) -> OpticalScene:
-    """Return the scene in a file; None is the default scene.
-
-    Raises
-    ------
-    FileError : it cannot be read as TOML. RequestError : an unknown key, or a value of the wrong kind.
-    """
+    """Return the scene in a file; None is the default scene."""
     if path is None:
         return OpticalScene()
     known = [field.name for field in fields(OpticalScene)]

@@ -30,16 +30,7 @@ _MOST_SINGLE = 20_000
 def ray_optics_scene(
     frame: SceneFrame, design: Design, guide: Waveguide, light: Light, name: str = ""
 ) -> dict[str, Any]:
-    """Return one scene as ray-optics' own JSON, version 5; lengths in mm.
-
-    `light`: its rays; with `light.secondary` = 0 the glass reflects nothing at a refraction, so that counts can be
-    compared, otherwise it does.
-
-    Raises
-    ------
-    DataError : the scene has no receiver to place a detector on.
-    RequestError : the cavities do not fit the guide, or are voids inside it.
-    """
+    """Return one scene as ray-optics' own JSON, version 5; with `light.secondary` = 0 its glass does not reflect."""
     shape = outline(frame, design)
     if len(shape.contours) > 2:
         raise RequestError("voids inside the guides cannot be written as one path", "choose cavities in a face")

@@ -118,15 +118,9 @@ def simulate(g: Geometry, rules: Rules, fan: Fan, budget: int, q: Queue, later: 
 def changes_along_fan(by_root: FloatArray, step: float, shift: float, jittered: bool) -> FloatArray:
     """Return the sums (2,) of squared differences between neighbouring rays of the fan, in number and in power.
 
-    `by_root`: (rays, 2) what each released ray delivers. `step`: angle of the fan's step over that within which
-    neighbouring rays are supposed to end alike, from `fan_step`.
-
-    Notes
-    -----
     Differences of the next but one have squares 1 + `_alike` times as large. Where they are significantly (two standard
-    deviations) smaller, as between many narrow cavities, neighbours are less alike than supposed, and the sums are
-    raised to those that leave the error of that relation in `fan_sd`; of scenes that are and that are not their own
-    mirror image, the greater.
+    deviations) smaller, neighbours are less alike than supposed, and the sums are raised to those that leave the error
+    of that relation in `fan_sd`; of scenes that are and that are not their own mirror image, the greater.
     """
     total = np.zeros(2)
     for kind in range(2):
@@ -181,10 +175,8 @@ def _step_of(alike: float, jittered: bool) -> float:
 def _shared(step: float, at: float, jittered: bool) -> float:
     """Return the variance of a ray's part in the sum, or its covariance with a ray shifted by `at` steps.
 
-    Notes
-    -----
     Of an even fan it is the sum of covariances with samples a step apart, less that of their mean; of random places,
-    each independent in its own step but for the mirror image's, that within a step, less that of its mean.
+    that within a step, less that of its mean.
     """
     if step < _SMALL_STEP:
         return step * (1.0 / 6.0 - at * (1.0 - at)) * (2.0 if jittered else 1.0)
@@ -231,11 +223,7 @@ def simulate_many(
     energy: FloatArray,
     changes: FloatArray,
 ) -> None:
-    """Simulate every pattern in every state.
-
-    `patterns`: (p, 5) from `pattern_of`. `shares`: (s, 2) rays and budget that are followed, from `share_of`. `counts`,
-    `energy`, `changes`: (p, s, 10), (p, s, 4) and (p, s, 2) are filled.
-    """
+    """Simulate every pattern (p, 5) in every state; `shares` (s, 2) from `share_of`; the last three are filled."""
     no_points, no_owners = np.empty((0, 3)), np.empty((0, 2), dtype=np.int64)
     guides, arcs = frames.curvature[0].shape
     most, face, most_secondary = 0.0, 0.0, shares[0, 1]
@@ -295,10 +283,7 @@ def trace(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> TraceResult:
-    """Trace one scene; blocks of rays run side by side.
-
-    `threads`: how many cores; all by default. The result does not depend on it, bit for bit.
-    """
+    """Trace one scene; blocks of rays run side by side, with the same bits on any number of threads."""
     followed, budget = share_of(frame, light)
     g, rules, fan = geometry_of(frame, design), rules_of(guide, light), fan_of(light)._replace(followed=followed)
     by_root = np.zeros((light.rays, 2))
@@ -340,11 +325,6 @@ def trace(
 def fan_sd(changes: FloatArray, light: Light, thickness_mm: float, mirrored: BoolArray) -> FloatArray:
     """Return the standard deviation of what a fan, turned or jittered at random, delivers, scaled to 250 rays.
 
-    `changes`: (...) from `changes_along_fan`, in number or in power. `mirrored`: (...) whether the scene is its own
-    mirror image, from `SceneFrame.mirrored`.
-
-    Notes
-    -----
     Detections along the fan are a process with covariance exp(-angle / angle0), of which neighbouring rays give the
     variance; `sd_of_sum` has the rest.
     """
@@ -355,12 +335,9 @@ def fan_sd(changes: FloatArray, light: Light, thickness_mm: float, mirrored: Boo
 def sd_of_sum(light: Light, thickness_mm: float, mirrored: BoolArray) -> FloatArray:
     """Return the standard deviation of the sum of a fan's rays, scaled to 250, for a process of unit variance.
 
-    Notes
-    -----
-    The sum of a process's samples a step apart has variance coth(x / 2) - 2 / x a ray, x = step / angle0: 1 where
-    neighbours are unrelated, x / 6 where each change is resolved (systematic sampling: Cochran, Sampling Techniques,
-    3rd edition, 1977, chapter 8); x / 3 there with random places (stratified sampling, chapter 5). In a mirrored scene
-    the other half of the fan is a second sample of the same process, shifted.
+    The sum of samples a step apart has variance coth(x / 2) - 2 / x a ray, x = step / angle0: 1 where neighbours are
+    unrelated, x / 6 where each change is resolved (systematic sampling: Cochran, Sampling Techniques, 3rd edition,
+    1977, chapter 8); x / 3 there with random places (stratified sampling, chapter 5).
     """
     x, jittered = _step(light, thickness_mm), light.jittered
     shared = interpreted(_shared)
@@ -393,10 +370,7 @@ def ray_paths(
     *,
     released_rays: int | None = None,
 ) -> list[RayPath]:
-    """Return the paths of the rays of a simulation, for drawing, without the last stretch of one that escapes.
-
-    `released_rays`: how many of the fan are followed, evenly chosen, with secondaries in proportion; all by default.
-    """
+    """Return the paths of the rays of a simulation, for drawing, without the last stretch of one that escapes."""
     g, rules, fan = geometry_of(frame, design), rules_of(guide, light), fan_of(light)
     drawn, by = np.empty((most, 3)), np.empty((most, 2), dtype=np.int64)
     tally = _empty_tally(np.zeros((light.rays, 2)), drawn, by)

@@ -57,12 +57,7 @@ def jittered(light: Light) -> Light:
 
 
 def rays_for(light: Light, sd: float, tolerance: float, thickness_mm: float, mirrored: bool) -> int:
-    """Return the rays at which the error of a count is predicted to be the tolerance.
-
-    `light`, `sd`: a fan, and the standard deviation of its count, rays of 250. `tolerance`: error of the count, rays of
-    250, at 2 standard deviations.
-    Raises RequestError: even the most rays have a larger error.
-    """
+    """Return the rays at which the error of a count is predicted to be the tolerance."""
     check_tolerance(tolerance, "rays")
     allowed, symmetric = tolerance / COVERAGE_FACTOR / SPARE, np.array(mirrored)
     now = sd_of_sum(light, thickness_mm, symmetric)
@@ -92,11 +87,9 @@ def trace_within(
     *,
     progress: Progress | None = None,
 ) -> ToleratedTrace:
-    """Trace one scene with no more rays than an error of its count takes.
+    """Trace one scene with no more rays than an error of its count takes, rays of 250 at 2 standard deviations.
 
-    `light`: its model; the rays and their places are chosen, secondaries are in proportion. `tolerance`: error of NDR,
-    rays of 250, at 2 standard deviations; of the power of 250 rays where all reflections are followed, whose number
-    means nothing.
+    Where all reflections are followed the error is that of the power of 250 rays: their number means nothing.
     """
     check_tolerance(tolerance, "rays")
     thickness, mirrored, work = 2 * frame.half_mm, bool(frame.mirrored), 0
@@ -113,19 +106,13 @@ def trace_within(
 
 
 def finer(light: Light, error: float, tolerance: float, thickness_mm: float, *, mirrored: bool) -> Light:
-    """Return a light with the rays that a tolerance is predicted to take, and notably more than it has.
-
-    `light`, `error`: a fan, and the stated error of its count, which is above the tolerance.
-    """
+    """Return a light with the rays that a tolerance is predicted to take, and notably more than it has."""
     needed = rays_for(light, error / COVERAGE_FACTOR, tolerance, thickness_mm, mirrored)
     return light.with_rays(max(needed, round(MORE * light.rays)))
 
 
 def unmet(rays: int, error: float) -> RequestError:
-    """Return the refusal of a tolerance that all tries have missed, with what the last one would meet.
-
-    `rays`, `error`: rays of the last try and its error, rays of 250 at 2 standard deviations.
-    """
+    """Return the refusal of a tolerance that all tries have missed, with what the last one would meet."""
     cause = f"the error of {rays} rays is {error:.2g} rays of {PAPER_RAYS}"
     return RequestError(cause, f"allow {rounded_up(1.1 * error):g} rays or more")
 

@@ -25,10 +25,7 @@ MOST_HITS = 200_000
 
 @inner_fusing
 def reflected_part(ratio: float, ci: float, ct: float) -> float:
-    """Return Fresnel's reflectance of unpolarised light.
-
-    `ratio`: n1 / n2. `ci`, `ct`: cosines of the angles of incidence and of refraction.
-    """
+    """Return Fresnel's reflectance of unpolarised light."""
     rs, rp = (ratio * ci - ct) / (ratio * ci + ct), (ci - ratio * ct) / (ci + ratio * ct)
     return 0.5 * (rs * rs + rp * rp)
 

@@ -1,11 +1,8 @@
 """Symmetric positive definite band matrices: Cholesky factor and solution.
 
-Strategy: the lower triangle is kept column by column, entry (i, j) at band[j, i - j], with PAD zeros after each column
-so that four columns can be eliminated at a time in one pass over memory. Compiled here and not called from LAPACK
-because a threaded BLAS cuts such small bands into pieces: on a loaded two-core machine that is ten times slower, while
-this one thread is as fast as LAPACK's alone and releases the interpreter's lock.
-
-Rule: a factorisation stops at the first pivot that is not positive and returns its number: the test for stability.
+Entry (i, j) of the lower triangle is at band[j, i - j], with PAD zeros after each column: four columns are eliminated
+at a time. Not LAPACK, because a threaded BLAS cuts such small bands into pieces and is ten times slower on a loaded
+machine. A factorisation stops at the first pivot that is not positive and returns its number: the test for stability.
 """
 
 from __future__ import annotations

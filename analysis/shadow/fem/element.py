@@ -1,12 +1,7 @@
-"""The eight-node axisymmetric quadrilateral: shape functions and compiled loops over the elements.
+"""The eight-node axisymmetric quadrilateral with 2 x 2 Gauss points (CAX8R): compiled loops over the elements.
 
-Strategy: shape-function gradients in the reference configuration are computed once per mesh (`elements_of`); a
-Newton step is then one compiled pass that writes the residual and the lower band of the tangent together. Two by
-two Gauss points (reduced integration, what CalculiX and Abaqus call CAX8R) keep the nearly incompressible wall from
-locking; three by three is there for comparison.
-
-Rules: nodes run anticlockwise in the (r, z) half plane, corners first, then the midside after each corner. Energies
-and forces are of the whole circle (2 pi), in mN mm and mN, because kPa mm^2 = mN.
+Nodes run anticlockwise in the (r, z) half plane, corners first, then the midside after each corner. Energies and forces
+are of the whole circle (2 pi), in mN mm and mN, because kPa mm^2 = mN.
 """
 
 from __future__ import annotations
@@ -91,10 +86,7 @@ def clear(matrix: FloatArray) -> None:
 
 @inside
 def deformation_gradient(gradient: FloatArray, u: FloatArray, quad: IntArray, f: FloatArray) -> None:
-    """Write the five entries of F at one point into `f`.
-
-    `gradient`: shape (3, 8). `u`: shape (n, 2), mm. `quad`: shape (8,). `f`: shape (5,).
-    """
+    """Write the five entries of F at one point into `f`."""
     f[0], f[1], f[2], f[3], f[4] = 1.0, 0.0, 0.0, 1.0, 1.0
     for a in range(8):
         ur, uz = u[quad[a], 0], u[quad[a], 1]
@@ -132,10 +124,7 @@ def internal_energy(elements: Elements, u: FloatArray) -> float:
 
 @compiled
 def internal_force(elements: Elements, u: FloatArray, force: FloatArray) -> float:
-    """Add dW/du to `force`; return the smallest J (stop at the first J <= 0).
-
-    `u`: shape (n, 2), nodal displacements, mm. `force`: shape (n, 2), mN.
-    """
+    """Add dW/du to `force`; return the smallest J (stop at the first J <= 0)."""
     quads, moduli, gradient, weight = elements
     f, p = np.empty(5), np.empty(5)
     smallest = np.inf
@@ -185,10 +174,7 @@ def internal_tangent(elements: Elements, u: FloatArray, equations: IntArray, ban
 
 @inside
 def scatter(ke: FloatArray, quad: IntArray, equations: IntArray, band: FloatArray) -> None:
-    """Add an element matrix, given by its blocks a >= b, to the band; a pair of tied freedoms counts twice.
-
-    `ke`: shape (16, 16). `quad`: shape (8,).
-    """
+    """Add an element matrix, given by its blocks a >= b, to the band; a pair of tied freedoms counts twice."""
     for a in range(8):
         for b in range(a + 1):
             for i in range(2):

@@ -1,14 +1,8 @@
 """Buckling around the circle: the tangent of an axisymmetric state for displacements that are not axisymmetric.
 
-Strategy: a small displacement (a cos n t, b sin n t, c cos n t) in (r, t, z) on top of an axisymmetric state has its
-own tangent K_n for each wave number n; stability is lost where any of them ceases to be positive definite. The
-gradient of such a displacement falls into two groups that do not couple: rr, rz, zr, zz, tt with the tangent of
-`material.tangent`, and rt, zt, tr, tz, for which dP = a dF + (a I1/3 - b) G dF^T G has no other terms. The pressure's
-part is the second variation of the enclosed volume.
-
-Rules: base and tip plate are clamped for n >= 1 (a closed actuator with a free tip carries no net axial thrust, so
-pressure does not bend it like a column). Integrals over the circle give pi; energies are halves, so K_n is comparable
-only with itself.
+The gradient of a displacement (a cos n t, b sin n t, c cos n t) in (r, t, z) falls into two groups that do not couple:
+rr, rz, zr, zz, tt with `material.tangent`, and rt, zt, tr, tz with dP = a dF + (a I1/3 - b) G dF^T G. Base and tip are
+clamped for n >= 1. Integrals over the circle give pi: K_n is comparable only with itself.
 """
 
 from __future__ import annotations
@@ -73,10 +67,7 @@ def shear_tangent(f: FloatArray, g: FloatArray, moduli: FloatArray, c: FloatArra
 
 @inside
 def scatter_block(block: FloatArray, members: IntArray, equations: IntArray, band: FloatArray) -> None:
-    """Add a full symmetric matrix of three freedoms a node to the lower band.
-
-    `block`: shape (3 k, 3 k). `members`: shape (k,), nodes.
-    """
+    """Add a full symmetric matrix of three freedoms a node to the lower band."""
     for a in range(len(members)):
         for i in range(3):
             row = equations[members[a], i]
@@ -148,10 +139,7 @@ class Harmonics:
 
 
 def make_harmonics(problem: Problem, clamped: BoolArray) -> Harmonics:
-    """Number the freedoms of all nodes but the clamped ones, following the problem's own order.
-
-    `clamped`: shape (nodes,), True on base and tip plate.
-    """
+    """Number the freedoms of all nodes but the clamped ones, following the problem's own order."""
     rank = problem.equations.max(axis=1)
     nodes = np.flatnonzero(~clamped)
     nodes = nodes[np.argsort(rank[nodes], kind="stable")]

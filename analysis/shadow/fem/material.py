@@ -1,11 +1,7 @@
-"""Compressible neo-Hookean solid, the strain energy that CalculiX and Abaqus call NEO HOOKE.
+"""Compressible neo-Hookean solid (METHODS.md), differentiated by hand.
 
-Strategy: W(F) = C10 (I1bar - 3) + (J - 1)^2 / D1 with I1bar = J^(-2/3) tr(F^T F), differentiated by hand and
-compiled. A deformation gradient of a torsion-free axisymmetric motion has five entries, in the order used all over
-this package: F_rr, F_rz, F_zr, F_zz, F_tt (t is the hoop). Stress and tangent are conjugate to these five, so the
-tangent is a symmetric 5 x 5 matrix.
-
-Rule: J <= 0 is never differentiated; the assembler checks J first and the solver shortens its step.
+A deformation gradient without torsion has five entries, in this order everywhere: F_rr, F_rz, F_zr, F_zz, F_tt (t is
+the hoop). Stress and the symmetric 5 x 5 tangent are conjugate to them. J <= 0 is never differentiated.
 """
 
 from __future__ import annotations
@@ -80,10 +76,7 @@ def inverse_transpose(f: FloatArray, g: FloatArray) -> float:
 
 @compiled
 def stress(f: FloatArray, c10: float, d1: float, p: FloatArray) -> None:
-    """Write the first Piola-Kirchhoff stress P = dW/dF into `p`.
-
-    `f`: shape (5,), F. `c10`, `d1`: kPa and 1/kPa. `p`: shape (5,), kPa.
-    """
+    """Write the first Piola-Kirchhoff stress P = dW/dF into `p`."""
     j = inverse_transpose(f, p)
     i1 = f[0] ** 2 + f[1] ** 2 + f[2] ** 2 + f[3] ** 2 + f[4] ** 2
     a = 2.0 * c10 * j ** (-2.0 / 3.0)

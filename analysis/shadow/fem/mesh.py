@@ -1,9 +1,7 @@
 """Meshes of the half plane r >= 0: eight-node quadrilaterals with named parts, and their quality.
 
-Strategy: the actuator is a map of a rectangle: along it the row of bladders, across it the wall and then the lattice,
-graded so that the elements grow away from the wall. Nodes in the middle of an edge lie on the bladder's curve itself.
-
-Rule: every mesh passes `check_quality` before it is used, which rejects one whose map folds or nearly folds.
+The actuator is a map of a rectangle: along it the row of bladders, across it wall and lattice. Nodes in the middle of
+an edge lie on the bladder's curve itself.
 """
 
 from __future__ import annotations
@@ -98,10 +96,7 @@ def scaled_jacobian(mesh: Mesh) -> float:
 
 
 def check_quality(mesh: Mesh) -> None:
-    """Reject a mesh that cannot be used.
-
-    Raises RequestError if a node is not finite or lies at r < 0, or an element is folded or nearly so.
-    """
+    """Reject a mesh that cannot be used."""
     if not np.isfinite(mesh.nodes).all():
         raise RequestError("the mesh has a node that is not a number", "repair the mesh file")
     if mesh.nodes[:, 0].min() < -1e-9:

@@ -1,10 +1,7 @@
 """Meshes and states as files: VTU for ParaView, MSH for Gmsh, INP for CalculiX; and meshes back from VTU and MSH.
 
-Strategy: meshio writes and reads; parts are cells with a number (`part`, in MSH also a physical group with its name):
-lattice 1 and wall 2 are eight-node quadrilaterals, cavity 3, base 4 and tip 5 three-node lines. A foreign mesh is
-accepted if it has these; clockwise elements are reversed, wetted edges get the direction of the element they belong to.
-
-Rules: coordinates are (r, axis, 0) in mm. A file that is not such a mesh is rejected with what is missing.
+Parts are cells with a number (`part`, in MSH also a physical group with its name): lattice 1 and wall 2 are eight-node
+quadrilaterals, cavity 3, base 4 and tip 5 three-node lines. Coordinates are (r, axis, 0) in mm.
 """
 
 from __future__ import annotations
@@ -43,10 +40,7 @@ _REVERSED = [0, 3, 2, 1, 7, 6, 5, 4]
 
 
 def write_state(path: Path, file_format: str, parameters: ActuatorParameters, mesh: Mesh, solution: Solution) -> None:
-    """Write a state (VTU), the mesh at rest (MSH) or the whole problem at the state's pressure (INP).
-
-    Raises RequestError if the format is unknown.
-    """
+    """Write a state (VTU), the mesh at rest (MSH) or the whole problem at the state's pressure (INP)."""
     if file_format not in ("vtu", "msh", "inp"):
         raise ChoiceError(f"'{file_format}' is not a mesh format of this program", "choose vtu, msh or inp")
     with writing(path), written_whole(path) as part:
@@ -84,10 +78,7 @@ def line_cells(mesh: Mesh, members: IntArray) -> IntArray:
 
 
 def read_mesh(path: Path) -> Mesh:
-    """Read a mesh with parts lattice, wall, cavity, base and tip.
-
-    Raises FileError if the file is no mesh, or lacks a part.
-    """
+    """Read a mesh with parts lattice, wall, cavity, base and tip."""
     kind = {".vtu": "vtu", ".msh": "gmsh"}.get(path.suffix.lower())
     refusal = FileError(f"{path} is not a mesh that can be read here", "give a .vtu or .msh file")
     if kind is None or not path.is_file():  # a pipe would be waited for
@@ -195,10 +186,7 @@ def from_meshio(found: meshio.Mesh, path: Path) -> Mesh:
 
 
 def check_ends(mesh: Mesh, path: Path) -> None:
-    """Reject a base or a tip that is not the whole flat end: nodes left out would be free.
-
-    Raises FileError, naming the end.
-    """
+    """Reject a base or a tip that is not the whole flat end: nodes left out would be free."""
     z = mesh.nodes[:, 1]
     near = FLAT_SHARE * float(z.max())
     for name, members, end in (("base", mesh.base, 0.0), ("tip", mesh.tip, float(z.max()))):
@@ -213,10 +201,7 @@ def check_ends(mesh: Mesh, path: Path) -> None:
 
 
 def check_chain(mesh: Mesh, path: Path) -> None:
-    """Reject a cavity that is not one chain of edges from base (or axis) to tip: its volume would be wrong.
-
-    Raises FileError, with what is wrong with the chain.
-    """
+    """Reject a cavity that is not one chain of edges from base (or axis) to tip: its volume would be wrong."""
     nodes, times = np.unique(mesh.cavity[:, [0, 2]], return_counts=True)
     ends = nodes[times == 1]
     on_axis = np.flatnonzero(mesh.nodes[:, 0] <= FLAT_SHARE * mesh.nodes[:, 0].max())
@@ -273,17 +258,11 @@ INCREMENTS = 10
 
 
 def calculix_deck(parameters: ActuatorParameters, mesh: Mesh, pressure_kpa: float) -> str:
-    """Return the text of the input file.
+    """Return the text of the input file; the pressure is reached at the end of the one static step.
 
-    `pressure_kpa`: gauge pressure reached at the end of the one static step, kPa.
-
-    Notes
-    -----
-    CAX8R elements in (r, axis) as (x, y), NEO HOOKE with our C10 and D1, the base clamped, the tip's axial
-    displacements tied by equations to one node, pressure on the wetted faces as a distributed load that follows the
-    surface, and its thrust on the tip plate as a force at that node (the plate's hole does not change its radius, so
-    the thrust is p pi r^2). CalculiX counts an axisymmetric nodal force over the whole circle, as we do. Units mm, kPa,
-    mN (kPa mm^2 = mN); at most 16 entries on a data line, numbers with 10 digits.
+    CAX8R elements in (r, axis) as (x, y), the base clamped, the tip's axial displacements tied to one node, pressure on
+    the wetted faces, and its thrust p pi r^2 on the plate as a force at that node. CalculiX counts an axisymmetric
+    nodal force over the whole circle, as we do; at most 16 entries on a data line, numbers with 10 digits.
     """
     names = {LATTICE: "LATTICE", WALL: "WALL"}
     lines = ["*HEADING", "boat-daq, axisymmetric actuator; mm, kPa, mN", "*NODE, NSET=ALL"]

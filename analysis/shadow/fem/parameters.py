@@ -1,10 +1,7 @@
 """Parameters of the shadow's actuator: every length and modulus that a user may change, its default; and their file.
 
-Strategy: one frozen value from which mesh, materials, guides and caches are derived; its hash names a cached table.
-
-Rules: values of the paper are marked (paper), the others (assumed) or (fitted). Both fitted values make the full model
-meet the two elongations that the paper implies (METHODS.md; `tests/analysis/shadow/geometry_fit.py`). In a TOML file
-each name is optional; an unknown one is rejected, with the nearest known one: no default replaces a misspelt name.
+Values of the paper are marked (paper), the others (assumed) or (fitted, `tests/analysis/shadow/geometry_fit.py`). In a
+TOML file each name is optional; an unknown one is rejected: no default replaces a misspelt name.
 """
 
 from __future__ import annotations
@@ -24,10 +21,7 @@ MOST_ELEMENTS = 20_000
 
 @dataclass(frozen=True, slots=True)
 class ActuatorParameters:
-    """Geometry, materials and mesh of the actuator; lengths in mm, moduli in kPa.
-
-    Raises RequestError if a value is not finite or the geometry is impossible; the message names it.
-    """
+    """Geometry, materials and mesh of the actuator; lengths in mm, moduli in kPa."""
 
     cells: int = 6  # bladders in the row (assumed: six)
     pitch_mm: float = 12.5  # distance of neighbouring bladders, equal to the lattice's unit cell (paper: 12.5)
@@ -98,10 +92,7 @@ class ActuatorParameters:
 
 
 def check_number(name: str, value: float, *, whole: bool = False) -> None:
-    """Reject what is not a finite, positive number (Poisson's ratios may be negative).
-
-    Raises RequestError, naming the parameter.
-    """
+    """Reject what is not a finite, positive number (Poisson's ratios may be negative)."""
     if isinstance(value, int) and abs(value) >= 2**63:  # no float, and of too many digits to be printed
         raise RequestError(f"{name} is a number of more than 64 bits", f"give {name} as a plain number")
     if whole and (isinstance(value, bool) or not isinstance(value, int) or value < 1):
@@ -113,12 +104,6 @@ def check_number(name: str, value: float, *, whole: bool = False) -> None:
 
 
 def read_parameters(path: Path) -> ActuatorParameters:
-    """Read the parameters of an actuator.
-
-    Raises
-    ------
-    FileError : if the file cannot be read as TOML.
-    RequestError : if a name is unknown or a value impossible.
-    """
+    """Read the parameters of an actuator."""
     known = [field.name for field in fields(ActuatorParameters)]
     return ActuatorParameters(**read_values(path, known, of="the actuator", example="wall_mm = 2.2"))

@@ -1,15 +1,8 @@
 """Pressure on a deformed cavity, and its tangent.
 
-Strategy: the load of a pressure p on a closed cavity is p dV/du, where V(u) is the volume that the wetted edges
-enclose with the axis, the base and the tip plate,
-
-    V = - integral of pi r^2 dz along the wetted edges, the solid on the left.
-
-Differentiating V instead of integrating a traction gives, without further terms, a load that follows the surface,
-the thrust on the plate at the cavity's end, and a symmetric tangent p d2V/du2. Each edge is a parabola, so V is a
-polynomial and three Gauss points integrate it exactly.
-
-Rule: the chain of wetted edges ends on the axis, on a fixed node or on the plate; elsewhere the end term pi r^2
+The load is p dV/du, with V = - integral of pi r^2 dz along the wetted edges, the solid on the left. Differentiating V
+gives a load that follows the surface, the thrust on the plate and a symmetric tangent. Each edge is a parabola: three
+Gauss points are exact. The chain of edges ends on the axis, on a fixed node or on the plate; elsewhere the end term
 would be a force without a source.
 """
 
@@ -29,10 +22,7 @@ _CROSS = np.einsum("g,gi,gj->gij", WEIGHTS, VALUES, DERIVATIVES)
 
 @inner
 def edge_point(nodes: FloatArray, u: FloatArray, edge: IntArray, g: int) -> tuple[float, float, float]:
-    """Return r of a deformed edge at Gauss point `g`, mm, and the derivatives of r and z along the edge.
-
-    `nodes`, `u`: shape (n, 2), mm. `edge`: shape (3,), its nodes.
-    """
+    """Return r of a deformed edge at Gauss point `g`, mm, and the derivatives of r and z along the edge."""
     r, dr, dz = 0.0, 0.0, 0.0
     for a in range(3):
         radius = nodes[edge[a], 0] + u[edge[a], 0]
@@ -44,10 +34,7 @@ def edge_point(nodes: FloatArray, u: FloatArray, edge: IntArray, g: int) -> tupl
 
 @compiled
 def cavity_volume(nodes: FloatArray, u: FloatArray, edges: IntArray) -> float:
-    """Return V, mm^3, of the cavity.
-
-    `nodes`, `u`: shape (n, 2), reference positions and displacements, mm. `edges`: shape (k, 3), nodes of wetted edges.
-    """
+    """Return V, mm^3, of the cavity."""
     volume = 0.0
     for edge in edges:
         for g in range(3):
@@ -71,11 +58,7 @@ def volume_gradient(nodes: FloatArray, u: FloatArray, edges: IntArray, gradient:
 def pressure_tangent(
     nodes: FloatArray, u: FloatArray, edges: IntArray, pressure: float, equations: IntArray, band: FloatArray
 ) -> None:
-    """Add -p d2V/du2 to the lower band.
-
-    `pressure`: kPa. `equations`: shape (n, 2), the equation of each displacement, -1 where it is prescribed. `band`:
-    mN/mm, see band.py.
-    """
+    """Add -p d2V/du2 to the lower band."""
     for edge in edges:
         for a in range(3):
             for b in range(3):

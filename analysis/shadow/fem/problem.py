@@ -1,9 +1,7 @@
 """A boundary-value problem in discrete form: which displacement is which equation, and how forces are assembled.
 
-Strategy: freedoms are numbered by reverse Cuthill-McKee so that the symmetric tangent is a narrow band, assembled in
-place and factorised by Cholesky, which also tests the stability of the state: it succeeds if and only if the tangent is
-positive definite. The rigid tip plate is one freedom, the elongation, shared by the axial displacements
-of all its nodes.
+Freedoms are numbered by reverse Cuthill-McKee so that the tangent is a narrow band. The rigid tip plate is one freedom,
+the elongation, shared by the axial displacements of its nodes.
 """
 
 from __future__ import annotations
@@ -91,9 +89,8 @@ def make_problem(
 ) -> Problem:
     """Set up a problem on a mesh.
 
-    `moduli`: shape (m, 2), C10 in kPa and D1 in 1/kPa of each element. `fixed`: shape (n, 2), True where a displacement
-    is prescribed. `tied`: nodes whose axial displacements are one freedom; none by default. `points_a_side`: Gauss
-    points a side, 2 (reduced) or 3 (full).
+    `moduli`: shape (m, 2), C10 in kPa and D1 in 1/kPa. `fixed`: shape (n, 2), True where a displacement is prescribed.
+    `tied`: nodes whose axial displacements are one freedom.
     """
     plate_nodes = np.empty(0, dtype=np.int64) if tied is None else tied
     elements = elements_of(mesh.nodes, mesh.quads, moduli, points_a_side)
@@ -102,12 +99,7 @@ def make_problem(
 
 
 def number_equations(quads: IntArray, fixed: BoolArray, tied: IntArray) -> tuple[IntArray, int, int, int]:
-    """Number the free displacements for a narrow band.
-
-    `quads`: shape (m, 8). `fixed`: shape (n, 2), True where prescribed. `tied`: node numbers whose axial displacements
-    are one freedom.
-    Returns equations (n, 2), plate equation, size, bandwidth.
-    """
+    """Number the free displacements for a narrow band."""
     raw = np.full(fixed.shape, -1)
     free = ~fixed
     free[tied, 1] = False

@@ -1,17 +1,9 @@
 """Equilibrium of a finite-strain problem: Newton's method, warm starts, line search, load stepping.
 
-Strategy: a state is controlled by its pressure, by its elongation, or by both; the other quantities follow.
-
-    pressure      the plate is free of force; the elongation follows
-    elongation    the plate is free of force; the pressure follows (this control passes a limit point)
-    both          the plate is held; its reaction force follows
-
-Newton steps reuse the last factorisation as long as it brings the residual down fivefold a step (a warm start then
-costs back-substitutions, not factorisations). A step that inverts an element, or raises both the residual and the
-potential, is halved. A load that cannot be reached in one step is approached in halved load steps.
-
-Rules: a tangent that is not positive definite ends the search (the state is not stable); only a state that has met the
-tolerance is returned.
+A state is controlled by its pressure, by its elongation (which passes a limit point), or by both; then the plate's
+reaction follows. Newton steps reuse the last factorisation while it brings the residual down fivefold a step. A step
+that inverts an element, or raises both the residual and the potential, is halved, and so is a load that is not reached.
+A tangent that is not positive definite ends the search: the state is not stable.
 """
 
 from __future__ import annotations
@@ -97,11 +89,7 @@ class Control:
 
 
 def factorise(problem: Problem, u: FloatArray, pressure_kpa: float, *, held: bool) -> Factor | None:
-    """Factorise the tangent; return None where it is not positive definite.
-
-    `u`, `pressure_kpa`: state of nodal displacements, shape (n, 2), mm, and pressure. `held`: the plate's displacement
-    is prescribed: its row and column are taken out.
-    """
+    """Factorise the tangent, without a `held` plate's row and column; return None where it is not positive definite."""
     matrix = problem.tangent(u, pressure_kpa)
     column, diagonal = np.zeros(problem.size), 0.0
     if held:
@@ -136,10 +124,7 @@ class Solver:
     def solve(
         self, *, pressure_kpa: float | None = None, elongation_mm: float | None = None, start: Solution | None = None
     ) -> Solution:
-        """Find the state at a given pressure, elongation, or both.
-
-        Raises ConvergenceError if no equilibrium is found down to the smallest load step.
-        """
+        """Find the state at a given pressure, elongation, or both."""
         first = state = start or self.rest()
         done, step, spent = 0.0, 1.0, 0
         while done < 1.0:

@@ -1,10 +1,7 @@
-"""The stability margin of a state, and the limit of stability of an actuator.
+"""The stability margin of a state (METHODS.md), and the limit of stability of an actuator.
 
-Strategy: a state under given pressure is stable while its tangents K_n are positive definite for every wave number n
-around the circle (n = 0 is axisymmetric; n = 2 makes a bladder oval). The margin is the lowest eigenvalue of
-K_n v = lambda K_n(rest) v: 1 at rest, 0 at the limit, without unit, and the same on every mesh that is fine enough. The
-limits themselves are found by walking along the equilibria with prescribed elongation, which passes a limit point, and
-by bisecting between the last stable and the first unstable state.
+Limits are found by walking along the equilibria with prescribed elongation, which passes a limit point, and by
+bisecting between the last stable and the first unstable state.
 """
 
 from __future__ import annotations
@@ -54,9 +51,8 @@ class CriticalState:
 class Stability:
     """The tangents of one actuator, whose signs decide about its stability.
 
-    The margin is measured in the stiffness at rest of the same solids with Poisson's ratios of REFERENCE_POISSON at
-    most: of a nearly incompressible solid, what the deformed shape allows without change of volume has a stiffness at
-    rest without bound, and a margin in that would be 0 in every state.
+    The margin is measured in the stiffness at rest of solids with Poisson's ratios of REFERENCE_POISSON at most: in
+    that of a nearly incompressible solid, which has no bound, it would be 0 in every state.
     """
 
     problem: Problem

@@ -1,8 +1,4 @@
-"""Polynomials through Chebyshev points of an interval or a rectangle.
-
-Strategy: values at the Gauss points of the first kind determine the coefficients by a discrete orthogonality, without
-solving a system; evaluation is a product of two small matrices for thousands of states at once.
-"""
+"""Polynomials through Chebyshev points (Gauss points of the first kind) of an interval or a rectangle."""
 
 from __future__ import annotations
 

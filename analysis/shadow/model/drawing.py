@@ -1,8 +1,4 @@
-"""Figures of the shadow: one frame, and the error of the reduced model against its number of shapes.
-
-Strategy: a frame is drawn lengthwise, both halves, the lower one mirrored; a fill with a colour at each node needs no
-element outlines, and the rest state is a thin line behind it. The title has pressure, elongation and deviation.
-"""
+"""Figures of the shadow: one frame lengthwise, and the error of the reduced model against its number of shapes."""
 
 from __future__ import annotations
 

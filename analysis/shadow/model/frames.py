@@ -1,10 +1,7 @@
 """The digital shadow: from measured pressure and elongation to everything that is drawn.
 
-Strategy: the reduced model is used inside its rectangle, the full model outside it, and the frame names the model. A
-frame is plain arrays: deformed nodes, a colour value for each, guides, tracked points, nominal and measured tip,
-deviation with its band. What never changes (triangles, outline, rest) is in `ShadowTopology`, which is uploaded once.
-
-Rules: NaN in elongation or pressure is rejected, never drawn. Lengths in mm; z along the axis from the base, x across.
+The reduced model is used inside its rectangle, the full model outside it; the frame names the model. Lengths in mm; z
+along the axis from the base, x across.
 """
 
 from __future__ import annotations
@@ -72,11 +69,7 @@ class ShadowState:
 
 
 class Shadow:
-    """The shadow of one actuator.
-
-    `parameters`: the actuator; the paper's by default. `table`: its reduced model; by default the program's,
-    or of another actuator from the cache, or built (about 3 s).
-    """
+    """The shadow of one actuator, with its table from the program, from the cache, or built (about 3 s)."""
 
     def __init__(
         self,
@@ -108,11 +101,7 @@ class Shadow:
     def state(
         self, *, elongation_mm: float | None = None, pressure_kpa: float | None = None, model: Model = "reduced"
     ) -> ShadowState:
-        """Return the frame at a measured elongation, a measured pressure, or both.
-
-        `elongation_mm`, `pressure_kpa`: measured; a missing one follows from the nominal actuator. `model`: 'reduced'
-        (falls back to the full model outside its rectangle) or 'full'.
-        """
+        """Return the frame at a measured elongation, a measured pressure, or both."""
         begun = time.perf_counter()
         solution, answered = self.solution(elongation_mm=elongation_mm, pressure_kpa=pressure_kpa, model=model)
         return self._frame(solution, answered, begun)

@@ -1,9 +1,4 @@
-"""The full model of the actuator: parameters in, states of equilibrium out.
-
-Strategy: one object has mesh, problem, guides and the warm solver of one set of parameters; `solve` first rejects what
-has no solution: a value that is not finite, a pressure or an elongation beyond the limit of stability, an actuator
-whose stiffnesses differ by more than double precision can resolve.
-"""
+"""The full model of the actuator: parameters in, states of equilibrium out; what has no solution is rejected."""
 
 from __future__ import annotations
 
@@ -48,13 +43,7 @@ def actuator_problem(parameters: ActuatorParameters, mesh: Mesh, points_a_side: 
 
 
 def check_values(pressure_kpa: float | None, elongation_mm: float | None) -> None:
-    """Reject a state without a value, or with one that is not finite.
-
-    Raises
-    ------
-    DataError : if a given value is NaN or infinite, as a calibration returns outside its range.
-    RequestError : if neither is given.
-    """
+    """Reject a state without a value, or with one that is not finite."""
     if pressure_kpa is None and elongation_mm is None:
         raise ChoiceError("neither a pressure nor an elongation is given", "give one of them, or both")
     for name, value in (("pressure", pressure_kpa), ("elongation", elongation_mm)):
@@ -66,14 +55,7 @@ def check_values(pressure_kpa: float | None, elongation_mm: float | None) -> Non
 
 
 def check_condition(problem: Problem) -> None:
-    """Reject an actuator whose results rounding would spoil.
-
-    Raises
-    ------
-    RequestError : if the forces of 1 kPa are near the rounding of the forces in the solid, or the tangent at rest of
-        compressible solids, its diagonal scaled to 1, is worse conditioned than WORST_CONDITION (Higham 2002, ch. 15:
-        1-norm).
-    """
+    """Reject an actuator whose results rounding would spoil (condition in the 1-norm: Higham 2002, ch. 15)."""
     rest = np.zeros_like(problem.nodes)
     one_kpa = float(np.linalg.norm(problem.balance(rest, 1.0).area))
     if problem.roundoff_mn > HIDDEN_SHARE * one_kpa:
@@ -101,12 +83,7 @@ def check_condition(problem: Problem) -> None:
 
 
 class FullModel:
-    """The actuator by finite elements.
-
-    `mesh`: a foreign mesh in place of the parametric one, its base at 0 (see `mesh_files.read_mesh`). `tolerance`:
-    relative residual of a solution.
-    Raises RequestError if the parameters cannot be meshed.
-    """
+    """The actuator by finite elements."""
 
     def __init__(
         self, parameters: ActuatorParameters | None = None, *, mesh: Mesh | None = None, tolerance: float = TOLERANCE
@@ -156,20 +133,13 @@ class FullModel:
     def solve(
         self, *, pressure_kpa: float | None = None, elongation_mm: float | None = None, start: Solution | None = None
     ) -> Solution:
-        """Find the state at a pressure, at an elongation, or with both imposed.
-
-        `pressure_kpa`: gauge pressure in the bladders, kPa; follows from the elongation if None. `elongation_mm`:
-        displacement of the tip plate, mm; follows from the pressure if None.
-        """
+        """Find the state at a pressure, at an elongation, or with both imposed."""
         check_values(pressure_kpa, elongation_mm)
         self.check_limits(pressure_kpa, elongation_mm)
         return self.solver.solve(pressure_kpa=pressure_kpa, elongation_mm=elongation_mm, start=start)
 
     def check_limits(self, pressure_kpa: float | None, elongation_mm: float | None) -> None:
-        """Reject a state beyond the limits of stability; an elongation is checked only where the plate is free.
-
-        Raises RequestError, naming the critical pressure.
-        """
+        """Reject a state beyond the limits of stability; an elongation is checked only where the plate is free."""
         p, q = pressure_kpa, elongation_mm
         if (p is not None and p < 0.0) or (p is None and q is not None and q < 0.0):
             limit = self.vacuum_limit

@@ -1,11 +1,8 @@
 """The two waveguides: their centrelines at rest, and their motion with the mesh.
 
-Strategy: a guide is a parabola from junction to junction, like one side of a boat; its points are embedded in the
-elements that contain them, so a deformed centreline is one sparse product with the nodal displacements. The junctions
-and a short piece of each guide lie in the rigid end pieces below the base and above the tip plate and move with them.
-
-Rules: z runs along the actuator's axis from the base (z = 0) to the tip, x across it; guide 1 is at x > 0, guide 2 its
-mirror image. Points go from the base's junction to the tip's. The guides add no stiffness of their own.
+Their points are embedded in the elements that contain them: a deformed centreline is one sparse product with the nodal
+displacements. Junctions and end pieces move with the rigid pieces below the base and above the tip plate. z runs from
+the base (0) to the tip, x across; guide 1 is at x > 0.
 """
 
 from __future__ import annotations
@@ -48,12 +45,7 @@ class Guides:
 
 
 def rest_centreline(parameters: ActuatorParameters, length_mm: float, points: int | None = None) -> FloatArray:
-    """Return a guide at rest, equally spaced along its arc.
-
-    `length_mm`: distance between base and tip plate. `points`: how many; by default one every 0.5 mm (to the nearest
-    whole number).
-    Returns shape (n, 2), (r, z) in mm.
-    """
+    """Return a guide at rest, equally spaced along its arc."""
     p = parameters
     half = length_mm / 2.0 + p.guide_end_mm
     s = np.linspace(-1.0, 1.0, 4001)
@@ -65,11 +57,7 @@ def rest_centreline(parameters: ActuatorParameters, length_mm: float, points: in
 
 
 def locate(mesh: Mesh, points: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Find the element and the shape functions' values at each point.
-
-    `points`: shape (n, 2), (r, z) in mm.
-    Returns element (n,) with -1 where no element contains the point; shape functions' values (n, 8).
-    """
+    """Return the element of each point, -1 where none contains it, and the shape functions' values there, (n, 8)."""
     corners = mesh.nodes[mesh.quads]
     low, high = corners.min(axis=1), corners.max(axis=1)
     slack = 0.05 * (high - low)
@@ -102,11 +90,7 @@ def invert(corners: FloatArray, point: FloatArray) -> FloatArray:
 
 
 def embed(mesh: Mesh, points: FloatArray, length_mm: float) -> Embedding:
-    """Tie points to the mesh, or to the rigid pieces beyond base and tip.
-
-    `points`: shape (n, 2), (r, z) in mm. `length_mm`: distance of base and tip plate.
-    Raises RequestError if a point between base and tip lies in no element: the guide leaves the lattice.
-    """
+    """Tie points (n, 2) to the mesh, or to the rigid pieces beyond base and tip; reject one that leaves the lattice."""
     between = (points[:, 1] > 0.0) & (points[:, 1] < length_mm)
     owner, values = locate(mesh, points[between])
     if (owner < 0).any() or (mesh.material[owner] != 0).any():

@@ -1,13 +1,7 @@
-"""The lattice's effective modulus from uniaxial compression tests, with its uncertainty.
+"""The lattice's effective modulus from uniaxial compression tests (METHODS.md), with its uncertainty.
 
-Strategy: each specimen's force over displacement is converted to engineering stress over strain; the modulus is the
-slope of a straight line through the loading branch between two strains, counted from contact (the toe of a soft
-specimen is not the material). Specimens differ by more than the uncertainty of a single slope, so the uncertainty is
-between specimens: sd of the moduli, standard error of their mean, and Student's t interval.
-
-Rules: signs are free (compression may be recorded negative), order in time is not: the loading branch is what precedes
-the greatest displacement. What is not a compression test is rejected: a force that does not rise with displacement, a
-curve that is not a line within the window, a window without points.
+Specimens differ by more than the uncertainty of a single slope, so the uncertainty is between specimens. Signs are free
+(compression may be recorded negative), order in time is not: the loading branch precedes the greatest displacement.
 """
 
 from __future__ import annotations
@@ -76,10 +70,7 @@ def read_compression_test(
     force_column: str | None = None,
     displacement_column: str | None = None,
 ) -> CompressionTest:
-    """Read one specimen's CSV: a force column and a displacement column, in any of the common names and units.
-
-    `force_column`, `displacement_column`: name or number of a column; common names are tried by default.
-    """
+    """Read one specimen's CSV: a force column and a displacement column, in any of the common names and units."""
     table = read_table(path)
     force, force_unit = find_column(table, FORCE_NAMES, path, force_column)
     travel, travel_unit = find_column(table, DISPLACEMENT_NAMES, path, displacement_column)
@@ -106,11 +97,7 @@ def factor(units: dict[str, float], unit: str, path: Path) -> float:
 
 
 def specimen_modulus(test: CompressionTest, window: tuple[float, float] = (0.02, 0.10)) -> SpecimenModulus:
-    """Return one specimen's modulus.
-
-    `window`: strains between which the line is drawn, counted from contact.
-    Raises DataError if the data are not a compression test.
-    """
+    """Return one specimen's modulus; `window` are the strains of the line, counted from contact."""
     check_request(test, window)
     strain, stress, contact = loading_branch(test)
     inside = (strain - contact >= window[0]) & (strain - contact <= window[1])

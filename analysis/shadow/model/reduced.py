@@ -1,12 +1,6 @@
-"""The reduced model: any state over (pressure, elongation) from a handful of shapes.
+"""The reduced model (METHODS.md): any state over (pressure, elongation) from a handful of shapes.
 
-Strategy: full solutions at Chebyshev points of a rectangle of pressure and elongation, the plate held, are compressed
-by a singular value decomposition (POD): displacement = mean + sum of a few shapes times amplitudes, and the amplitudes
-are polynomials of (pressure, elongation). The nominal curve, its inverse and the band that the lattice's modulus
-causes are polynomials too. The error is measured on full solutions that were not used for the table.
-
-Rule: `error_bound_mm` is twice the greatest error of any tracked point over those held-out states. A state outside the
-rectangle is rejected; `Shadow` in frames.py then uses the full model.
+A state outside the rectangle is rejected; `Shadow` in frames.py then uses the full model.
 """
 
 from __future__ import annotations
@@ -23,10 +17,7 @@ from protocol.base.errors import RequestError
 
 @dataclass(frozen=True, slots=True)
 class TableSettings:
-    """Resolution of the table.
-
-    `highest_pressure_kpa`: upper side of the rectangle; the lower lies a little short of the critical pressure.
-    """
+    """Resolution of the table, up to `highest_pressure_kpa`, down to a little short of the critical pressure."""
 
     # pressures, elongations: Chebyshev points along each side
     pressures: int = 7
@@ -39,10 +30,7 @@ class TableSettings:
 
 @dataclass(frozen=True, slots=True)
 class ReducedModel:
-    """The table.
-
-    `errors_mm`: shape (modes,), greatest error of a tracked point over the held-out states with 1, 2, ... modes.
-    """
+    """The table."""
 
     # pressure_range_kpa, elongation_range_mm: shape (2,), the rectangle
     pressure_range_kpa: FloatArray
@@ -60,7 +48,7 @@ class ReducedModel:
     nominal_mm: FloatArray
     nominal_sd_mm: FloatArray
     nominal_kpa: FloatArray  # Chebyshev coefficients of p_nom(x)
-    errors_mm: FloatArray
+    errors_mm: FloatArray  # (modes,), greatest error of a held-out state's tracked point with 1, 2, ... modes
     critical_kpa: FloatArray  # the critical pressure under vacuum
 
     @property

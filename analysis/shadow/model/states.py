@@ -1,11 +1,7 @@
-"""The fifteen states of the two guides that the optical model starts from.
+"""The fifteen states of the two guides that the optical model starts from, the most compressed first.
 
-Strategy: as in the paper, pressure is swept in even steps, seven of compression, rest, seven of elongation, and the
-guides are sampled in each: seven tracked points a guide, or every 0.5 mm.
-
-Rules: state 0 is the most compressed. Coordinates are (x, z) in mm, z along the actuator from the base; guide 1 is at
-x > 0. The files are CSV with one row a point, or NPZ with the array `curves_mm` [15][2][n][2]. The states of the
-present model are kept in the user's cache, named by a hash of its parameters as the reduced table is.
+Coordinates are (x, z) in mm, z along the actuator from the base; guide 1 is at x > 0. The files are CSV with one row a
+point, or NPZ with the array `curves_mm` [15][2][n][2].
 """
 
 from __future__ import annotations
@@ -73,11 +69,7 @@ def guide_states(
     lowest_kpa: float = _LOWEST_KPA,
     highest_kpa: float = 50.0,
 ) -> GuideStates:
-    """Solve the fifteen states.
-
-    `lowest_kpa`, `highest_kpa`: pressures of the most compressed and the most elongated state.
-    Raises RequestError if the pressures do not lie on both sides of zero, or beyond the critical pressure.
-    """
+    """Solve the fifteen states."""
     if not lowest_kpa < 0.0 < highest_kpa:
         raise RequestError(
             f"{lowest_kpa:g} .. {highest_kpa:g} kPa does not include compression and elongation",
@@ -100,10 +92,7 @@ def guide_states(
 def kept_states(
     parameters: ActuatorParameters | None = None, *, lowest_kpa: float = _LOWEST_KPA, folder: Path | None = None
 ) -> GuideStates:
-    """Return the fifteen states of an actuator from the cache, or solve and keep them there.
-
-    `lowest_kpa`: pressure of the most compressed state.
-    """
+    """Return the fifteen states of an actuator from the cache, or solve and keep them there."""
     chosen = parameters or ActuatorParameters()
     reach = "" if lowest_kpa == _LOWEST_KPA else f" {lowest_kpa:g}"
     name = hashlib.sha256(f"{chosen.digest} {_FORMAT} {program_version()}{reach}".encode()).hexdigest()[:20]
@@ -117,10 +106,7 @@ def kept_states(
 
 
 def write_states(states: GuideStates, path: Path) -> None:
-    """Write the states as CSV or, by the suffix .npz, as arrays.
-
-    Raises ChoiceError: another suffix.
-    """
+    """Write the states as CSV or, by the suffix .npz, as arrays."""
     check_suffix(path)
     with writing(path):
         if path.suffix.lower() == ".npz":

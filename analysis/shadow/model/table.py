@@ -1,8 +1,7 @@
-"""Building the reduced model from full solutions, and its cache.
+"""Building the reduced model from full solutions, and its cache: an npz file named by a hash of all it depends on.
 
-Strategy: the rectangle is traversed row by row in alternating direction, each solution starting from its neighbour. The
-cache is one npz file named by a hash of everything that the table depends on. That of the default actuator comes with
-the program (`default_table.npz`, by `tests/analysis/shadow/make_default_table.py`), with its unstable held states.
+The table of the default actuator comes with the program (`default_table.npz`, by
+`tests/analysis/shadow/make_default_table.py`), with its unstable held states.
 """
 
 from __future__ import annotations

@@ -1,13 +1,9 @@
 """A sequential test for many figures at once: self-starting CUSUM.
 
-Strategy: each new value is compared with all healthy values before it: T = (x - mean) / (s sqrt(1 + 1/n)) follows
-Student's t with n - 1 degrees of freedom, and its quantile turned into a normal one is an independent standard
-normal z for every cycle, however short the history (D. M. Hawkins, D. H. Olwell, Cumulative Sum Charts, 1998, ch. 7).
-Two sums, S+ = max(0, S+ + z - k) and S- = max(0, S- - z - k), alarm beyond h. h follows from the wanted number of
-healthy cycles between false alarms by Siegmund's formula.
-
-Rules: z is clipped, so no single cycle can raise an alarm; the spread is never smaller than a figure's floor, its least
-relevant change, so that a very quiet actuator raises no alarm for an irrelevant one.
+T = (x - mean) / (s sqrt(1 + 1/n)) of all healthy values before follows Student's t; as a normal quantile it is an
+independent standard normal z (D. M. Hawkins, D. H. Olwell, Cumulative Sum Charts, 1998, ch. 7). S+ = max(0, S+ + z - k)
+and S- = max(0, S- - z - k) alarm beyond h. z is clipped, so no single cycle can raise an alarm; the spread is never
+smaller than a figure's floor, its least relevant change.
 """
 
 from __future__ import annotations
@@ -38,10 +34,7 @@ def cycles_between_alarms(threshold: float | FloatArray, reference: float = REFE
 
 
 def threshold_for(cycles: float, sides: int, reference: float = REFERENCE) -> float:
-    """Return h so that `sides` one-sided sums together raise one false alarm in `cycles` healthy values.
-
-    `reference` is k, in standard deviations.
-    """
+    """Return h so that `sides` one-sided sums together raise one false alarm in `cycles` healthy values."""
     wanted = cycles * sides
     return float(optimize.brentq(lambda h: float(cycles_between_alarms(h, reference)) - wanted, 0.0, 60.0))
 
@@ -49,11 +42,8 @@ def threshold_for(cycles: float, sides: int, reference: float = REFERENCE) -> fl
 def smallest_shift(history: int, threshold: float, reference: float = REFERENCE) -> float:
     """Return the smallest lasting shift, in standard deviations, that a self-starting sum finds; infinite without one.
 
-    Notes
-    -----
-    The baseline learns the shift as well: after m values it has moved the mean by m / (n + m) of it, so the sum grows
-    to n (d ln(d / k) - d + k) at most, which must reach the threshold and its overshoot, 1.166. Nine in ten such
-    shifts are then found.
+    The baseline learns the shift d as well: the sum grows to n (d ln(d / k) - d + k) at most, which must reach the
+    threshold and its overshoot, 1.166. Nine in ten such shifts are then found.
     """
     if history <= SPENT:
         return float("inf")
@@ -66,10 +56,7 @@ def smallest_shift(history: int, threshold: float, reference: float = REFERENCE)
 
 
 class SelfStartingCusum:
-    """Sums of many figures side by side; arrays have the shape of `floor`, a last axis of two is up and down.
-
-    `floor`: smallest spread of each figure.
-    """
+    """Sums of many figures; arrays have the shape of `floor`, their smallest spread; a last axis is up and down."""
 
     def __init__(self, floor: FloatArray) -> None:
         self.floor, shape = floor, floor.shape
@@ -101,10 +88,7 @@ class SelfStartingCusum:
         return sums
 
     def dependent(self) -> BoolArray:
-        """Return whether the values before each sum's rise are dependent or too few to decide, shape (..., 2).
-
-        Fewer than 20 values, or correlated neighbours.
-        """
+        """Return whether the values before each sum's rise correlate, or are fewer than 20, shape (..., 2)."""
         n, total, squares, products = np.moveaxis(self.before, -1, 0)
         n = np.maximum(n, 1.0)
         mean = total / n

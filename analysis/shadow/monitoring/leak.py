@@ -1,27 +1,16 @@
-"""A leak behind the gauge, from a cycle against the run's own healthy loop.
+"""A leak behind the gauge, from a cycle against the run's own healthy loop (METHODS.md).
 
-Strategy: the board controls the gauge's pressure, which therefore does not show a leak between gauge and bladder. The
-elongation shows it: its pressure p_nom(x) falls behind the gauge, r = p - p_nom(x) grows at r' = loss p and keeps its
-value until the valve opens. Within a cycle that is one part in two hundred, under a hysteresis fifty times larger with
-the same phase. So the first cycles of a run are stored as the healthy loop (`HealthyLoop`, residual against pressure on
-both branches) and subtracted; the rest does not depend on the length of holds nor on where the cycle begins, and is
+In a cycle the leak is one part in two hundred, under a hysteresis fifty times larger with the same phase. The loop of
+the first cycles is therefore subtracted; the rest does not depend on holds nor on where the cycle begins:
 
     e = c + g p + drift t + loss (integral of p dt) + periodic interference
 
-with offset c and gain g. Drift and leak look alike within a cycle, but not from cycle to cycle: the slope of e is
-computed from the mean of the cycle before, and subtracted from both e and the integral. The mains' flicker between a
-dark and a lit reading is aliased by the sampling to a slow wave near the cycle's own period: it is found
-over the last minutes and subtracted.
+Drift and leak look alike within a cycle: the slope of e is taken from the mean of the cycle before. The interference,
+aliased mains, is the one sine near the cycle's frequency that explains most power beside the other columns, if noise
+would not explain as much (J. D. Scargle, ApJ 263, 1982, 835; M. Zechmeister and M. Kuerster, A&A 496, 2009, 577). A
+wave that cannot be separated from a harmonic of the cycle is left in: it may be the leak.
 
-The interference is one sine through all cycles. Everything else that is known (columns of offset, gain, leak, and their
-slow change) is projected out of the rows, and out of sine and cosine likewise; over a grid of frequencies near the
-cycle's own (elsewhere a wave does no harm) the one that explains most power is the interference, if noise alone would
-not explain as much. A wave that the record is too short to separate from a harmonic of the cycle is left in: it may be
-the leak itself. Source: the Lomb-Scargle periodogram with a free baseline (J. D. Scargle, ApJ 263, 1982, 835; M.
-Zechmeister and M. Kuerster, A&A 496, 2009, 577).
-
-Rules: arrays of one cycle, time in s, pressure in kPa, NaN where the residual is unknown. A step of pressure in which
-the elongation is not known throughout is left out as a whole: the end of a calibration's range truncates the noise.
+A step of pressure whose elongation is not known throughout is left out: the end of a range truncates the noise.
 """
 
 from __future__ import annotations
@@ -54,11 +43,7 @@ class Interference:
 
 
 def find_interference(time_s: FloatArray, values: FloatArray, columns: FloatArray, period_s: float) -> Interference:
-    """Return the sine in the values; amplitude 0 where noise alone would show as much, or in less than 3 cycles.
-
-    `time_s`, `values`: shape (n,), rising. `columns`: shape (n, m), other terms of the values. `period_s`: length of
-    the actuator's cycle.
-    """
+    """Return the sine in the values; amplitude 0 where noise alone would show as much, or in less than 3 cycles."""
     span = float(time_s[-1] - time_s[0])
     if span < 0.9 * _FEWEST_CYCLES * period_s:
         return Interference()
@@ -150,9 +135,8 @@ def loss_percent_per_min(
 ) -> float:
     """Return the leak behind the gauge, % of the pressure a minute; NaN where the cycle does not determine it.
 
-    `time_s`, `pressure_kpa`: shape (n,), one cycle. `beyond_kpa`: shape (n,), its residual, less the healthy loop where
-    it is known. `drift_kpa_per_s`: its slope from cycle to cycle, subtracted from both sides; None: the leak causes all
-    of it.
+    `beyond_kpa`: the residual, less the healthy loop where that is known. `drift_kpa_per_s`: its slope from cycle to
+    cycle, subtracted from both sides; None: the leak causes all of it.
     """
     known = np.isfinite(beyond_kpa)
     if known.sum() < FEWEST_SAMPLES:
@@ -195,10 +179,7 @@ class _Cycle:
 
 
 class LeakWatch:
-    """Figures of a run's leak, cycle after cycle.
-
-    `run_in_cycles`: cycles before the last of these are left out; then the loop is learnt for `LEARNING_S`.
-    """
+    """Figures of a run's leak; after the run-in the loop is learnt for `LEARNING_S`."""
 
     def __init__(self, run_in_cycles: int) -> None:
         self._run_in, self._cycles = run_in_cycles, 0
@@ -206,11 +187,7 @@ class LeakWatch:
         self._kept: list[_Cycle] = []  # residuals until there is a loop, then residuals beyond it
 
     def take(self, time_s: FloatArray, pressure_kpa: FloatArray, residual_kpa: FloatArray) -> float:
-        """Take the next whole cycle; return its leak in % of the pressure a minute.
-
-        `time_s`, `pressure_kpa`, `residual_kpa`: shape (n,).
-        Returns NaN until the healthy loop is learnt, and where the cycle does not determine it.
-        """
+        """Take the next whole cycle; return its leak in % of the pressure a minute, NaN where it is not determined."""
         self._cycles += 1
         rows = np.isfinite(pressure_kpa)
         t, p, r = time_s[rows], pressure_kpa[rows], residual_kpa[rows]

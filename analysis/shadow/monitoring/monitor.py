@@ -1,22 +1,8 @@
-"""Is the actuator degraded? Figures of each cycle against the nominal actuator, and alarms from a sequential test.
+"""Is the actuator degraded? Six figures of each cycle against the nominal actuator, and alarms from a sequential test.
 
-Strategy: a cycle is reduced to six figures, each the signature of a fault:
-
-    loss        % a minute by which the elongation's pressure p_nom(x) falls behind the gauge    leak (leak.py)
-    fade        % a minute by which the gauge itself falls in a hold (pumps off)                 leak
-    gain        slope of elongation against nominal elongation                                   softening, stiffening
-    offset      elongation where the nominal one is zero, mm                                     drift
-    difference  sensor 1 minus sensor 2 where elongation is zero, mm                             sensor disagreement
-    difference slope   and how it grows with elongation, mm/mm                                   sensor disagreement
-
-Each figure is compared with its own healthy history by the self-starting CUSUM of cusum.py. A healthy unit's constant
-deviation (its own calibration, its own hysteresis, its creep) is history, not a fault. One fault moves several
-figures: a leak also shifts the offset, a sensor that drifts also changes the gain; such an alarm names the faults that
-it may follow from, active ones and those whose sum is halfway to an alarm.
-
-Rules: arrays only, time in s, pressure in kPa, elongations in mm, NaN where a value is unknown. A cycle without holds
-has no fade, one sensor has no difference, the run-in no loss: such a figure is NaN and not tested. False alarms: one in
-1,000 healthy cycles over all alarms together, for cycles whose figures scatter independently.
+Each figure (METHODS.md) is compared with its own healthy history: a unit's constant deviation is no fault. One fault
+moves several figures; an alarm names the faults that it may follow from. Time in s, pressure in kPa, elongations in mm;
+NaN where a value is unknown: without holds no fade, of one sensor no difference, in the run-in no loss.
 """
 
 from __future__ import annotations
@@ -101,28 +87,19 @@ class Alarm:
 
 
 def deviation_mm(table: ReducedModel, pressure_kpa: FloatArray, elongation_mm: FloatArray) -> FloatArray:
-    """Return measured minus nominal elongation, mm; NaN where either is unknown.
-
-    `pressure_kpa`, `elongation_mm`: shape (n,), measured.
-    """
+    """Return measured minus nominal elongation, mm; NaN where either is unknown."""
     return np.asarray(elongation_mm) - table.nominal_elongation(pressure_kpa)[0]
 
 
 def pressure_residual_kpa(table: ReducedModel, pressure_kpa: FloatArray, elongation_mm: FloatArray) -> FloatArray:
-    """Return measured pressure minus the nominal pressure of the elongation, kPa; NaN where unknown.
-
-    `pressure_kpa`, `elongation_mm`: shape (n,), measured.
-    """
+    """Return measured pressure minus the nominal pressure of the elongation, kPa; NaN where unknown."""
     return np.asarray(pressure_kpa) - table.nominal_pressure(elongation_mm)
 
 
 def as_columns(
     time_s: FloatArray, pressure_kpa: FloatArray, elongations_mm: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return times and pressures of shape (n,) and elongations of shape (n, sensors), of (n,) or (n, sensors).
-
-    Raises DataError if their lengths differ.
-    """
+    """Return times and pressures of shape (n,) and elongations of shape (n, sensors), of (n,) or (n, sensors)."""
     t, p, x = (np.asarray(values, dtype=float) for values in (time_s, pressure_kpa, elongations_mm))
     if not len(t) == len(p) == len(x):
         raise DataError(
@@ -153,10 +130,7 @@ def find_holds(time_s: FloatArray, pressure_kpa: FloatArray) -> list[slice]:
 
 
 def moving_mean(values: FloatArray, time_s: FloatArray, width_s: float) -> FloatArray:
-    """Return the centred mean over a width in time, on the samples' own grid; NaN stays NaN.
-
-    `values`, `time_s`: shape (n,).
-    """
+    """Return the centred mean over a width in time, on the samples' own grid; NaN stays NaN."""
     known = np.isfinite(values)
     step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
     half = max(1, round(width_s / max(step, 1e-9) / 2.0))
@@ -214,12 +188,9 @@ def cycle_figures(
     elongations_mm: FloatArray,
     leak: LeakWatch | None = None,
 ) -> CycleFigures:
-    """Return one cycle's figures.
+    """Return one whole cycle's figures.
 
-    `time_s`, `pressure_kpa`: shape (n,), one whole cycle. `elongations_mm`: shape (n,) or (n, sensors), elongation by
-    each sensor's calibration; NaN where it has none. `leak`: has the cycles before; without it the loss is NaN, for one
-    cycle cannot separate a leak from hysteresis.
-    Raises DataError if lengths differ, time does not rise, or no elongation is known.
+    Without `leak`, which has the cycles before, the loss is NaN: one cycle cannot separate a leak from hysteresis.
     """
     t, p, x = as_columns(time_s, pressure_kpa, elongations_mm)
     if len(t) < 10 or not (np.diff(t) > 0).all():
@@ -234,10 +205,7 @@ def cycle_figures(
 
 
 class Monitor:
-    """Follows cycle after cycle and raises alarms.
-
-    `healthy_cycles`: healthy cycles between false alarms, over all alarms together.
-    """
+    """Follows cycle after cycle and raises alarms."""
 
     def __init__(self, table: ReducedModel, healthy_cycles: float = HEALTHY_CYCLES_BETWEEN_ALARMS) -> None:
         if not healthy_cycles >= 10.0:
@@ -271,10 +239,7 @@ class Monitor:
         return rise if side == 0 else fall
 
     def smallest_shift(self) -> dict[str, float]:
-        """Return the smallest lasting shift of each figure that would raise an alarm now, in the figure's unit.
-
-        Infinite before there is a history to compare with.
-        """
+        """Return the smallest lasting shift of each figure that would raise an alarm; infinite without a history."""
         history, spread = self._cusum.count, self._cusum.spread()
         return {
             channel[0]: smallest_shift(int(n), self.threshold) * float(s)

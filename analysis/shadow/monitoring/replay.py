@@ -1,7 +1,6 @@
 """A recording against the shadow, offline: deviation, pressure residual, drift over cycles, alarms.
 
-Strategy: arrays in, arrays out; the caller cuts a recording into cycles and converts mV to mm. Each cycle passes the
-same monitor as live, so a replay raises the alarms that the session raised.
+Each cycle passes the same monitor as live, so a replay raises the alarms that the session raised.
 """
 
 from __future__ import annotations
@@ -89,12 +88,7 @@ def replay(
     elongations_mm: FloatArray,
     cycles: Sequence[slice],
 ) -> Replay:
-    """Compare a recording with the shadow.
-
-    `time_s`, `pressure_kpa`: shape (n,). `elongations_mm`: shape (n,) or (n, sensors), NaN where a sensor has none.
-    `cycles`: rows of each whole cycle, in order.
-    Raises DataError if the arrays differ in length or have nothing to compare.
-    """
+    """Compare a recording with the shadow."""
     t, p, x = monitoring.as_columns(time_s, pressure_kpa, elongations_mm)
     if not (np.isfinite(x).any(axis=1) & np.isfinite(p)).any():
         raise DataError(

@@ -31,12 +31,16 @@ _SHAPES = {"pass": "\u25cf", "conditional_pass": "\u25d0", "conditional_fail": "
 _MARKS = ", ".join(f"{shape} {statement.replace('_', ' ')}" for statement, shape in _SHAPES.items())
 
 
-def figure_text(figure: Figure | None, decimals: int, stated: LimitStatement | None = None) -> Cell:
+def figure_text(
+    figure: Figure | None, decimals: int, stated: LimitStatement | None = None, *, unit: str = "", brief: bool = False
+) -> Cell:
     """Return a figure as text, its 95 % interval in a second line, with definition and count as its tooltip.
 
     Parameters
     ----------
     stated : conformity with a limit, which marks the value.
+    unit : what the figure is in, where its signals are in another unit than mV.
+    brief : whether the interval is left to the tooltip, unless the value is an end of it.
     """
     if figure is None:
         return NOTHING, "not computed for this run"
@@ -45,8 +49,10 @@ def figure_text(figure: Figure | None, decimals: int, stated: LimitStatement | N
         text = f"{_SHAPES.get(stated.conformity, '')} {text}".strip()
         lines.append(f"{stated.conformity.label}: {stated.text}")
     if math.isfinite(figure.low) and math.isfinite(figure.high):
-        text += f"\n{number(figure.low, decimals)} to {number(figure.high, decimals)}"
-        lines.append("second line: 95 % confidence interval")
+        low, value, high = (number(each, decimals) for each in (figure.low, figure.value, figure.high))
+        if not brief or value in (low, high):
+            text += f"\n{low} to {high}"
+        lines.append(f"95 % confidence interval: {low} to {high} {unit or figure.unit}")
     if figure.n:
         lines.append(f"n = {figure.n}")
     lines += [part for part in (figure.void, figure.note) if part]
@@ -54,7 +60,11 @@ def figure_text(figure: Figure | None, decimals: int, stated: LimitStatement | N
 
 
 def figure_rows(
-    sensors: Sequence[SensorAnalysis], keys: Sequence[str] = tuple(SENSOR_FIGURES), signal_unit: str = "mV"
+    sensors: Sequence[SensorAnalysis],
+    keys: Sequence[str] = tuple(SENSOR_FIGURES),
+    signal_unit: str = "mV",
+    *,
+    brief: bool = False,
 ) -> tuple[tuple[Cell, ...], ...]:
     """Return the table of figures: name over unit and published limit, then every sensor; none that no sensor has."""
     from analysis.figures.acceptance import TOLERANCES, against_published
@@ -65,12 +75,15 @@ def figure_rows(
     for d in (SENSOR_FIGURES[key] for key in keys):
         if any(d.key in sensor.figures for sensor in sensors):
             pairs = zip(sensors, stated, strict=True)
+            unit = in_signal_unit(d.unit, signal_unit)
             cells = [
-                figure_text(f := s.figures.get(d.key), _decimals(d, f, signal_unit), known.get(d.key))
+                figure_text(
+                    f := s.figures.get(d.key), _decimals(d, f, signal_unit), known.get(d.key), unit=unit, brief=brief
+                )
                 for s, known in pairs
             ]
             limit, tip = limits.get(d.key), f"{in_signal_unit(d.label_with_unit, signal_unit)}\n{cells[0][1]}"
-            below = in_signal_unit(d.unit, signal_unit)
+            below = unit
             if limit is not None:
                 below, tip = (
                     f"{d.unit}, limit {limit.symbol} {limit.limit:g}",

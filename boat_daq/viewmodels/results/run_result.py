@@ -234,7 +234,7 @@ def _run_result(
             *verdict_rows(found.sensors),
             *lab_rows(found),
         ),
-        key_figures=figure_rows(found.sensors, KEY_FIGURES, run.signal_unit),
+        key_figures=figure_rows(found.sensors, KEY_FIGURES, run.signal_unit, brief=True),
         loops=LoopSet(loops.numbers, loops.pressure_kpa, loops.elongation_mm, loops.signal_mv),
         warnings=found.warnings,
         breaks=tuple(map(break_result, found.breaks)),

@@ -14,7 +14,10 @@ def test_figure_text_has_value_interval_and_conformity():
     figure = Figure(39.31, "mV/mm", 5, 39.0, 39.6, definition="end to end")
     text, tip = figure_text(figure, 1)
     assert text == "39.3\n39.0 to 39.6"
-    assert tip == "end to end\nsecond line: 95 % confidence interval\nn = 5"
+    assert tip == "end to end\n95 % confidence interval: 39.0 to 39.6 mV/mm\nn = 5"
+    assert figure_text(figure, 1, brief=True) == ("39.3", tip)
+    bound = Figure(0.0, "% FSO", 5, 0.0, 4.15)  # the value alone would claim that there is none
+    assert figure_text(bound, 2, brief=True)[0] == "0.00\n0.00 to 4.15"
     noise = Figure(44.0, "dB", 5, 43.5, 44.5)
     sensor = SimpleNamespace(calibration=object(), name="s1", figures={"snr_db": noise})
     (stated,) = against_published(sensor)

@@ -291,7 +291,7 @@ def models(window: MainWindow) -> list[Command]:
         m.shadow.quantity = names[(names.index(m.shadow.quantity) + 1) % len(names)]
 
     return [
-        *(_seldom(f"Compute: {n}", partial(m.precision.choose, n), also="precision") for n in LEVELS),
+        *(_seldom(f"Precision: {n}", partial(m.precision.choose, n), also="precision") for n in LEVELS),
         _seldom("Sweep all designs, or stop", on(Tab.OPTICS, m.optics.toggle_sweep)),
         _seldom("Next shadow colouring", next_colouring),
         _seldom("Measure this computer, or stop", on(Tab.ACCURACY, m.tradeoff.toggle)),

@@ -61,7 +61,7 @@ END_AT = {  # label and explanation of the uncertainty at which a run ends, by i
     ),
     "% FSO": (
         "Stop at \u00b1 \u2264",
-        "Ends the run once drift (per 100 cycles) and repeatability are known to this, 95 %, % FSO",
+        "Ends the run once drift (per 100 cycles) and repeatability have this 95 % uncertainty, % FSO",
     ),
     "": ("Stop at U \u2264", "A plan of segments runs all its cycles"),
 }

@@ -476,7 +476,7 @@ class CalibrationPage(QWidget):
         """Remove the curves and figures of the run before."""
         for card in self.plots:
             card.clear()
-            card.show_empty("Nothing to show yet." if self.model.working else "Nothing to show.")
+            card.show_empty("Loading \u2026" if self.model.working else "Nothing to show.")
         self.figures.show_figures((), (), ())
         self.budget.show_rows((), ())
         for label in (self.posterior, self.run_warnings, self.comparison, self.traced):
@@ -491,7 +491,7 @@ class CalibrationPage(QWidget):
         verdicts = {True: "converged", False: "NOT CONVERGED"}
         posterior = [
             f"{s.label}: {verdicts[p.sampler['converged']]}, {p.sampler['n_eff']:.0f} independent samples, bands "
-            f"\u00b1{p.sampler['band_error_percent_fso']:.2g} % FSO by their number"
+            f"\u00b1{p.sampler['band_error_percent_fso']:.2g} % FSO by sampling"
             for s, p in zip(result.sensors, self.model.posterior, strict=False)
         ]
         lines = ["Uncertainty bands (emcee)", *posterior] if posterior else []

@@ -394,7 +394,7 @@ def state_text(snapshot: SessionSnapshot, units: ShownUnits = STORED_UNITS) -> s
 def _promise(snapshot: SessionSnapshot) -> str:
     """Return what vents a board that sends nothing, as its last sample knew."""
     if snapshot.last is None or not snapshot.last.flags & SampleFlag.WATCHDOG_ARMED:
-        return "no watchdog was armed: look at the unit"
+        return "no watchdog was armed: the unit may be under pressure"
     wait_s = (LONGEST_MS if snapshot.speed > FAST else REAL_TIME_MS) / 1000
     return f"the board vents by its watchdog within {wait_s:.0f} s"
 

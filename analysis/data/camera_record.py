@@ -53,7 +53,3 @@ class CameraRecord:
     def shifted(self, delay_s: float, drift: float = 0.0, about_s: float = 0.0) -> CameraRecord:
         """Return the record on the recording's clock, by the delay of its frames at `about_s` and its drift, s/s."""
         return replace(self, time_s=self.time_s - delay_s - drift * (self.time_s - about_s))
-
-    def from_rest(self, rest_mm: float) -> CameraRecord:
-        """Return the record with elongations counted from another one."""
-        return replace(self, elongation_mm=self.elongation_mm - rest_mm)

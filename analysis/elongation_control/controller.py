@@ -115,10 +115,7 @@ class Output:
 
 
 class ElongationController:
-    """One unit under control. `begin`, then `advance` once a period.
-
-    `step_mv`, `loops`: resolution of the converter and loops of the sensors, as in `SensorWatch`.
-    """
+    """One unit under control: `begin`, then `advance` once a period. Resolution and loops as in `SensorWatch`."""
 
     def __init__(
         self,

@@ -62,10 +62,7 @@ class BodePoint:
 
 @dataclass(frozen=True, slots=True)
 class DynamicCalibration:
-    """The dynamics of a run.
-
-    `responses`: times and mean response of the steps of each size [2, n], as a share of the step; drawn only.
-    """
+    """The dynamics of a run; `responses` are times and mean response [2, n] of each size of step, as a share of it."""
 
     # unit, simulated, recording: the unit and the run
     unit: str

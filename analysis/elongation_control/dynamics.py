@@ -31,10 +31,7 @@ _LEAST_R2 = 0.9
 
 @dataclass(frozen=True, slots=True)
 class Lag:
-    """A delay and a second-order lag of gain 1: exp(-s L) w^2 / (s^2 + 2 z w s + w^2).
-
-    `covariance`: [3, 3] of the three, from the fit; zeros where they are given.
-    """
+    """A delay and a second-order lag of gain 1: exp(-s L) w^2 / (s^2 + 2 z w s + w^2); their covariance [3, 3]."""
 
     delay_s: float
     omega_rad_per_s: float
@@ -170,10 +167,7 @@ def mean_bode_point(repeats: Sequence[BodePoint]) -> BodePoint:
 
 
 def bandwidth(points: Sequence[BodePoint]) -> DynamicFigure:
-    """Return the lowest frequency at -3 dB, Hz, with the ends of its interval where every gain is off by U (k = 2).
-
-    Interpolated over the logarithm; NaN, each of the three, where the sweep ends before.
-    """
+    """Return the lowest frequency at -3 dB, Hz, and its interval where every gain is off by U (k = 2); NaN beyond."""
     return DynamicFigure(*(_edge_hz(points, COVERAGE_FACTOR * side) for side in (0.0, -1.0, 1.0)))
 
 

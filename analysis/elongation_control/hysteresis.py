@@ -45,10 +45,7 @@ class HysteresisModel:
     r2: float = math.nan
 
     def rest(self, pressure_kpa: float, elongation_mm: float) -> FloatArray:
-        """Return a memory [m] with which `pressure_kpa` gives `elongation_mm`, or comes as near as a memory can.
-
-        Every play lies at the same share of its width; the true memory is not known.
-        """
+        """Return a memory [m] that gives `elongation_mm` as nearly as any: its plays at one share of their widths."""
         low, high = self._bounds(pressure_kpa)
         least, most = float(self.weights @ low), float(self.weights @ high)
         share = 0.5 if most <= least else (elongation_mm - self.offset_mm - least) / (most - least)

@@ -85,10 +85,7 @@ def light_of(
     progress: Progress | None = None,
     folder: Path | None = None,
 ) -> LightTable | None:
-    """Return the table of an actuator: that of the program, the kept one, or a new one.
-
-    `build`: whether to trace a table that is not kept; None is returned where it is needed and not allowed.
-    """
+    """Return an actuator's table: the program's, the kept one, or a new one; None where it is not to be traced."""
     if actuator == ActuatorParameters() and face == "outer":
         return stored_light()
     path = (folder or cache_folder()) / f"light_{_digest(actuator, face)}.npz"
@@ -187,10 +184,7 @@ def build_light(
 
 
 def _halved(x: FloatArray, middle: FloatArray, suspect: BoolArray, away: BoolArray) -> tuple[FloatArray, BoolArray]:
-    """Return the elongations with the middles of the suspect intervals, and which intervals are suspect then.
-
-    `x`: [n]. `suspect`: [n - 1]. `away`: whether the light in each middle was off.
-    """
+    """Return the elongations [n] with the middles of the suspect intervals, and which intervals are suspect then."""
     split = np.zeros(len(x) - 1, dtype=bool)
     split[np.flatnonzero(suspect)[away]] = True
     split = split | np.concatenate([split[1:], [False]]) | np.concatenate([[False], split[:-1]])

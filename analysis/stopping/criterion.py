@@ -45,10 +45,7 @@ _BRANCHES = ("unloading", "loading")
 
 @dataclass(frozen=True, slots=True)
 class StopCriterion:
-    """A value that is to fall to the one asked for.
-
-    `least` is the limit after any number of cycles; the square falls to its square as the cycles to minus `power`.
-    """
+    """A value that is to fall; its square falls to that of `least` as the cycles to minus `power`."""
 
     name: str
     unit: str

@@ -196,11 +196,6 @@ def _continuous(
     per_cycle_mv = [next(found) if both else math.nan for both in driven]
     off = _off_branches(x, y, cycles, loop)[inside]
     slope, u_slope = _dynamic(off, speed[inside])
-    apart = math.nan
-    if plateaus is not None and plateaus.full_scale:
-        low, high = (max(calibration.x_range[0], plateaus.x_range[0]), min(calibration.x_range[1], plateaus.x_range[1]))
-        grid = np.linspace(low, high, 101)
-        apart = 100.0 * float(np.abs(calibration.predict(grid) - plateaus.predict(grid)).max()) / plateaus.full_scale
     return ContinuousCalibration(
         calibration,
         "",
@@ -212,10 +207,19 @@ def _continuous(
         int(inside.sum()),
         slope,
         u_slope,
-        apart,
+        _apart_percent(calibration, plateaus),
         *loop,
         _by_speed(off, speed[inside]),
     )
+
+
+def _apart_percent(calibration: Calibration, plateaus: Calibration | None) -> float:
+    """Return the greatest distance from the curve of the plateaus over their common range, % of its full scale."""
+    if plateaus is None or not plateaus.full_scale:
+        return math.nan
+    low, high = (max(calibration.x_range[0], plateaus.x_range[0]), min(calibration.x_range[1], plateaus.x_range[1]))
+    grid = np.linspace(low, high, 101)
+    return 100.0 * float(np.abs(calibration.predict(grid) - plateaus.predict(grid)).max()) / plateaus.full_scale
 
 
 def _one_branch(x: FloatArray, usable: BoolArray, cycle: Cycle, edges: FloatArray) -> str:

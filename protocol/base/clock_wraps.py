@@ -16,10 +16,7 @@ _DECIMALS = (100, 1000, 10_000, 100_000, 1_000_000)
 
 
 def usual_wraps(tick_s: float, *, decimals: bool = False) -> tuple[float, ...]:
-    """Return the usual wraps of a clock in seconds, `tick_s` the unit of its numbers; also powers of ten of it.
-
-    A counter of ms or us may be shown in another unit.
-    """
+    """Return the usual wraps of a clock in seconds, `tick_s` the unit of its numbers or a power of ten of it."""
     ticks = {n * tick for n in _POWERS for tick in (tick_s, 1e-3, 1e-6)}
     return tuple(sorted({*_DURATIONS_S, *ticks, *(n * tick_s for n in (_DECIMALS if decimals else ()))}))
 

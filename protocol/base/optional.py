@@ -40,12 +40,7 @@ def optional(module: str) -> Any:
 
 
 def install_command(*arguments: str) -> str:
-    """Return the command that installs into the environment of this program, whatever made that environment.
-
-    Parameters
-    ----------
-    arguments : quoted requirements, and options of `pip install`.
-    """
+    """Return the command that installs quoted requirements into the environment of this program, whatever made it."""
     prefix, wanted = Path(sys.prefix), " ".join(arguments)
     if prefix.parent.name == "venvs" and (prefix / "pipx_metadata.json").is_file():
         options = any(argument.startswith("-") for argument in arguments)

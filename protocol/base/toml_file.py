@@ -15,17 +15,7 @@ _MAX_BYTES = 10_000  # some thirty values
 
 
 def read_values(path: Path, known: Collection[str], *, of: str, example: str) -> dict[str, Any]:
-    """Return the values in a file, by name.
-
-    Parameters
-    ----------
-    of : thing that has these values, in messages.
-    example : one line of such a file.
-
-    Raises
-    ------
-    FileError : it cannot be read, or is not TOML. RequestError : it has an unknown name.
-    """
+    """Return the values of a TOML file by name; `of` and `example` are for messages. RequestError: unknown name."""
     choose = f"choose the file with the values of {of}"
     try:
         values = read_toml(read_regular(path, _MAX_BYTES).decode("utf-8-sig"))

@@ -22,10 +22,7 @@ def empty_band(size: int, bandwidth: int) -> FloatArray:
 
 @inside
 def add_to_band(band: FloatArray, row: int, column: int, value: float) -> None:
-    """Add `value` to entry (row, column) of the lower triangle.
-
-    `row`, `column`: equations; -1 is a fixed freedom, the upper triangle is ignored. `value`: mN/mm.
-    """
+    """Add to an entry of the lower triangle; -1 is a fixed freedom, the upper triangle is ignored."""
     if column >= 0 and row >= column:
         band[column, row - column] += value
 

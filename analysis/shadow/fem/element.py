@@ -56,10 +56,7 @@ class Elements(NamedTuple):
 
 
 def elements_of(nodes: FloatArray, quads: IntArray, moduli: FloatArray, points_a_side: int = 2) -> Elements:
-    """Evaluate the gradients of a mesh; det(J) may be negative, which `mesh.check_quality` rejects.
-
-    `nodes`: shape (n, 2), (r, z) in mm. `points_a_side`: 2 (reduced) or 3 (full).
-    """
+    """Evaluate the gradients at 2 (reduced) or 3 points a side; det(J) < 0 is left to `mesh.check_quality`."""
     x, w = np.polynomial.legendre.leggauss(points_a_side)
     xi, eta = (a.ravel() for a in np.meshgrid(x, x))
     n, n_xi, n_eta = shape(xi, eta)
@@ -146,10 +143,7 @@ def internal_force(elements: Elements, u: FloatArray, force: FloatArray) -> floa
 
 @compiled
 def internal_tangent(elements: Elements, u: FloatArray, equations: IntArray, band: FloatArray) -> None:
-    """Add d2W/du2, mN/mm, to the band of all equations.
-
-    `equations`: shape (n, 2), the equation of each displacement, -1 where it is prescribed.
-    """
+    """Add d2W/du2, mN/mm, to the band; `equations` [n, 2] are -1 where a displacement is prescribed."""
     quads, moduli, gradient, weight = elements
     f, c = np.empty(5), np.empty((5, 5))
     cb = np.empty((2, 5))

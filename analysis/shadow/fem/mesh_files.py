@@ -53,10 +53,7 @@ def write_state(path: Path, file_format: str, parameters: ActuatorParameters, me
 
 
 def to_meshio(mesh: Mesh, displacement_mm: FloatArray | None = None, *, named: bool = False) -> meshio.Mesh:
-    """Return a mesh with its parts for meshio.
-
-    `displacement_mm`: shape (n, 2), of a state; none by default. `named`: write the parts as Gmsh's physical groups.
-    """
+    """Return a mesh with its parts, and displacements [n, 2] in mm, for meshio; `named`: as Gmsh's physical groups."""
     lines = [("base", line_cells(mesh, mesh.base)), ("tip", line_cells(mesh, mesh.tip)), ("cavity", mesh.cavity)]
     quads = [("lattice", mesh.quads[mesh.material == LATTICE]), ("wall", mesh.quads[mesh.material == WALL])]
     cells = [("quad8", c) for _, c in quads] + [("line3", c[:, [0, 2, 1]]) for _, c in lines]

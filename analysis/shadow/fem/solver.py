@@ -41,10 +41,7 @@ class Solution:
 
 @dataclass(frozen=True, slots=True)
 class Factor:
-    """Cholesky factor of a tangent, from which a held plate is taken out.
-
-    `column` and `diagonal`: the held plate's own column of the tangent, off and on the diagonal; zero when it is free.
-    """
+    """Cholesky factor of a tangent, without a held plate, whose column and diagonal are kept apart, else zero."""
 
     cholesky: FloatArray
     column: FloatArray

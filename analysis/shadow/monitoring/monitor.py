@@ -141,10 +141,7 @@ def moving_mean(values: FloatArray, time_s: FloatArray, width_s: float) -> Float
 
 
 def fade_percent_per_min(time_s: FloatArray, pressure_kpa: FloatArray) -> float:
-    """Return the fall of the gauge in holds, % of the pressure a minute; NaN without holds.
-
-    In hold j, p = c_j - rate p_j (t - mean t_j); the holds' rates are weighted by their inverse variances.
-    """
+    """Return the fall of the gauge in holds, % of the pressure a minute, by their variances; NaN without holds."""
     total, weights = 0.0, 0.0
     for hold in find_holds(time_s, pressure_kpa):
         t, p = time_s[hold], pressure_kpa[hold]

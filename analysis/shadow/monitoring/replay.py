@@ -27,10 +27,7 @@ _OF_ALARM = ("since_cycle", "cycle", "figure", "shift", "unit", "healthy_cycles"
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """A recording compared with the shadow.
-
-    `smallest_shift`: lasting shift of each figure that would have raised an alarm at the end, in the figure's unit.
-    """
+    """A recording compared with the shadow; `smallest_shift` would have raised an alarm at its end."""
 
     # time_s, pressure_kpa, elongation_mm: shape (n,), the recording (mean of the sensors)
     time_s: FloatArray

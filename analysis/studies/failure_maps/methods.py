@@ -1,4 +1,4 @@
-"""The studies of the atlas, by name, and the methods that they belong to."""
+"""The studies of the atlas, by name."""
 
 from __future__ import annotations
 
@@ -17,17 +17,6 @@ _STUDIES = (
     alarms.ALARM_STUDIES,
 )
 STUDIES: dict[str, Study] = {study.name: study for studies in _STUDIES for study in studies}
-METHOD_TITLES = {
-    "fit": "Calibration: the polynomial fit",
-    "inverse": "Inverse: mV to mm",
-    "posterior": "Posterior: the sampler and the readings",
-    "segmentation": "Segmentation: holds and cycles of a run",
-    "figures": "Figures: signal-to-noise ratio and hysteresis",
-    "tracer": "Optics: the ray tracer",
-    "full-fem": "Shadow: the full model",
-    "reduced-fem": "Shadow: the reduced model",
-    "alarms": "Shadow: the monitor's alarms",
-}
 
 
 def chosen_studies(names: Iterable[str]) -> list[Study]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import sqlite3
 from contextlib import closing
@@ -236,7 +237,8 @@ def test_readings_of_a_video_count_before_those_of_a_camera(path: Path, source: 
     fault = np.array(["lost", "", ""])
     record = CameraRecord(np.array([-0.1, 0.5, 1.000001]), x, np.where(np.isnan(x), np.nan, 0.01), fault, 3)
     assert store_video(path, record, {"source": "first.mkv", "u_scale": 0.001}) == ""
-    assert store_video(path, record.from_rest(0.25), {"source": "second.mkv", "u_scale": 0.002}) == "first.mkv"
+    moved = dataclasses.replace(record, elongation_mm=record.elongation_mm - 0.25)
+    assert store_video(path, moved, {"source": "second.mkv", "u_scale": 0.002}) == "first.mkv"
     recording = load_recording(path)
     assert recording.camera is not None
     assert recording.camera.time_s.tolist() == [-0.1, 0.5, 1.000001]

@@ -53,7 +53,9 @@ def board(
     camera: Annotated[
         list[str] | None,
         typer.Option(
-            "--camera", metavar="KEY=VALUE", help="Of the camera: tilt_deg, distortion, noise_grey, texture, ..."
+            "--camera",
+            metavar="KEY=VALUE",
+            help="Setting of the virtual camera: tilt_deg, distortion, noise_grey, texture, ...",
         ),
     ] = None,
     as_json: JsonOption = False,

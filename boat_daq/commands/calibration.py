@@ -51,7 +51,7 @@ def calibration(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write the calibration of a run as data or as code: signals in mV in, elongation and its uncertainty out.
+    """Write the calibration of a run as data or as code: signals in, elongation and its uncertainty out.
 
     json is what `convert` reads: coefficients, covariance, ranges and U over x. c is a header without a library for a
     microcontroller, matlab a function boat_elongation.m, csv a table.

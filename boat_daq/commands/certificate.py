@@ -22,7 +22,7 @@ def certificate(
     item: Annotated[
         list[str] | None, typer.Option(metavar="TEXT", help="The item; repeat it for each run, in order.")
     ] = None,
-    customer: Annotated[str, typer.Option(metavar="TEXT", help="The customer; default as the recording states.")] = "",
+    customer: Annotated[str, typer.Option(metavar="TEXT", help="The customer; default that of the recording.")] = "",
     laboratory: Annotated[
         Path | None, typer.Option(metavar="FILE.toml", help="The laboratory: name, street, city, country_code, ...")
     ] = None,
@@ -36,7 +36,7 @@ def certificate(
 ) -> None:
     """Write a calibration certificate (ISO/IEC 17025, 7.8): PDF/A-3 with its XML inside, or the XML (DCC 3.2.1) alone.
 
-    What no recording states is given here: --item, --customer, --set KEY=VALUE. A simulated run gives a document that
+    What the recording does not contain: --item, --customer, --set KEY=VALUE. A simulated run gives a document that
     is marked on every page and is no certificate.
 
     Example: boat-daq certificate SA1.boat --out SA1.pdf --customer "Soft Robotics Lab" --laboratory lab.toml

@@ -59,7 +59,8 @@ def fit(
         bool, typer.Option("--bands", help="Add 68 and 95 % bands of the curve and of a new reading.")
     ] = False,
     x_resolution: Annotated[
-        float, typer.Option(min=0.0, metavar="MM", help="Resolution of x; above 0 the posterior is sampled.")
+        float,
+        typer.Option(min=0.0, metavar="X", help="Resolution of x, in its unit; above 0 the posterior is sampled."),
     ] = 0.0,
     position: Annotated[
         str | None,

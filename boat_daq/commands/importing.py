@@ -47,10 +47,10 @@ def importing(
 
     Separator, decimal sign, encoding, header and units are detected. Columns that are not recognised are mapped by name
     or by number from 1; cell * SCALE + OFFSET is the value in UNIT. `--preview --json` prints a map that `--map FILE`
-    uses again. Unit and time of the run are those of the file, or as stated, else not known. A last line without its
+    uses again. Unit and start of the run come from the file, --unit or --started. A last line without its
     end is left out: 12.3 may be the beginning of 12.34.
 
-    Two files are joined at their dates, else where they follow each other; the offset is stated.
+    Two files are joined by their dates, else by cross-correlation; the offset is printed.
 
     Example: boat-daq import lab.csv --out lab.boat --map pressure_kpa=3*25-12.5:kPa --map s1_mv="Sensor A:V"
     """
@@ -134,8 +134,8 @@ def export(
 ) -> None:
     """Write the samples of a run with their elongation: CSV with a JSON file of metadata, Parquet, HDF5, MAT, ROS 2.
 
-    The elongation and its expanded uncertainty (u_mm, k = 2) are by the calibration given, else by the run's own, else
-    by the one that its unit was accepted with; without any the columns are left out.
+    Elongation and expanded uncertainty (u_mm, k = 2) come from --calibration, else from the run's readings, else from
+    the accepted calibration of its unit; without one the columns are left out.
 
     Example: boat-daq export run.boat --format csv --out run.csv
     """

@@ -25,8 +25,8 @@ def metadata(
     """Show the metadata and markers of a recording, or change them; the unit's next recording inherits them.
 
     Keys: operator, customer, item, serial_number, note, ambient_temperature_c, ambient_humidity_percent; any other key
-    names a field of your own. What was stated before stays in the file. While a recording is in progress, only the
-    program that records it can state them.
+    names a field of your own. Earlier values stay in the file. During a recording only the program that
+    records can change them.
 
     Example: boat-daq metadata SA1.boat --set customer="Soft Robotics Lab" --set serial_number=0042
     """

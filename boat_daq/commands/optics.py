@@ -49,7 +49,7 @@ Curves = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE.csv|parametric|shadow|paper",
-        help="Deformed guides: x and z in mm, sines, solved now, or solved for -50 to +50 kPa with a stiffer wall; "
+        help="Deformed guides: x and z in mm, sines, solved now, or those of the paper (-50 to +50 kPa, stiffer wall); "
         "default the shadow's 15 stored states.",
     ),
 ]
@@ -66,7 +66,7 @@ Confidence = Annotated[
     float | None,
     typer.Option(
         help="Race: trace few rays for all designs, and more only for those that may be the best with this "
-        "probability, as 0.95; up to --rays (default 256000)."
+        "probability, such as 0.95; up to --rays (default 256000)."
     ),
 ]
 RaceSeconds = Annotated[
@@ -83,7 +83,7 @@ Tolerance = Annotated[
         help="Greatest error of a count at 95 %, rays of 250: chooses the rays; the answer states its own error.",
     ),
 ]
-Scheduler = Annotated[str | None, typer.Option(help="Address of a Dask scheduler, as tcp://HOST:8786.")]
+Scheduler = Annotated[str | None, typer.Option(help="Address of a Dask scheduler, such as tcp://HOST:8786.")]
 
 
 def released_rays(
@@ -323,7 +323,7 @@ def scene_command(
 
 @app.command()
 def sweep(
-    cavities: Annotated[str, typer.Option(help="Numbers of cavities, as 3,5,7.")] = "3,5,7",
+    cavities: Annotated[str, typer.Option(help="Numbers of cavities.")] = "3,5,7",
     rays: OptionalRays = None,
     scene: SceneFile = None,
     confidence: Confidence = None,
@@ -435,14 +435,14 @@ def optimise(
     scene: SceneFile = None,
     confidence: Annotated[
         float | None,
-        typer.Option(help="Race: find the best of all designs evaluated with this probability, as 0.95."),
+        typer.Option(help="Race: find the best of all designs evaluated with this probability, such as 0.95."),
     ] = None,
     tolerance: Annotated[
         float | None,
         typer.Option(
             metavar="RAYS",
-            help="Greatest error at 95 % of the winners' counts, or power of 250 rays: chooses the rays of the final "
-            "evaluation, else 10 times --rays.",
+            help="Greatest error (95 %) of the winners' counts, rays of 250: sets the rays of the final evaluation; "
+            "else 10 times --rays.",
         ),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the result as JSON.")] = None,

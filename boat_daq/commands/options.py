@@ -53,7 +53,7 @@ TypeBOption = Annotated[
     typer.Option(
         "--type-b",
         metavar="FILE.toml",
-        help="Contributions of grid or photograph, parallax, pressure gauge, temperature.",
+        help="Type B contributions of grid or photograph, parallax, pressure gauge, temperature.",
     ),
 ]
 _DEGREE = typer.Option(
@@ -71,7 +71,7 @@ UncertaintyOption = Annotated[
     typer.Option(
         "--uncertainty",
         metavar="MM",
-        help="End the run as soon as U (k = 2) of an elongation in the middle of the range is this; say what is left.",
+        help="End the run once U (k = 2) at mid-range is at most this; print U at the end.",
     ),
 ]
 LeaveOutOption = Annotated[

@@ -37,8 +37,8 @@ def record(
         float | None,
         typer.Option(
             metavar="PERCENT",
-            help="End a plan without plateaus as soon as drift per 100 cycles and repeatability are known to this at "
-            "95 %, % FSO.",
+            help="End a plan without plateaus once drift per 100 cycles and repeatability are known to this (95 %), "
+            "% FSO.",
         ),
     ] = None,
     out: Annotated[

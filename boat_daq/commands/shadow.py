@@ -373,7 +373,7 @@ def chain(
 ) -> None:
     """Compute the chain from pressure to detected light.
 
-    Also the best pattern, and both with the parametric curves.
+    The best pattern too, and both with the parametric curves.
 
     The light of the paper's design is compared with the published calibrations, by the best gain and offset.
 

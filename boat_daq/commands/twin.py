@@ -62,7 +62,10 @@ def identify(
     run: RecordingArgument,
     parameters: ParametersOption = None,
     face: Annotated[
-        str | None, typer.Option(help="Place of the cavities, as of optics trace; default as before, or outer.")
+        str | None,
+        typer.Option(
+            help="Place of the cavities: outer, inner, both or midline; default that of the last call, else outer."
+        ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -70,9 +73,8 @@ def identify(
 
     A generalised Prandtl-Ishlinskii model, by the calibration in force.
 
-    Of another actuator than the paper's, or other cavities, the light is traced once: a quarter of an hour on two free
-    cores, up to an hour on busy ones. A call that was stopped (Ctrl-C) continues. The unit's signals are predicted by
-    it from then on.
+    For another actuator or other cavities the light is traced once, which takes 15 to 60 minutes; a stopped call
+    (Ctrl-C) continues. The model then predicts the signals of the unit.
 
     Example: boat-daq twin identify SA1.boat
     """
@@ -104,7 +106,7 @@ def identify(
 
 @app.command()
 def tune(run: RecordingArgument, as_json: JsonOption = False) -> None:
-    """Take the gains of the control from a run of step-test.
+    """Take the gains of the control from a step-test run.
 
     Example: boat-daq twin tune step-test.boat
     """
@@ -139,12 +141,12 @@ def hold(
     port: Annotated[str, typer.Option(help="Serial port, pty or socket://HOST:PORT.")],
     unit: Annotated[str, typer.Option(help="Name of the unit.")],
     mm: Annotated[float, typer.Option(help="Elongation to hold, mm.")],
-    seconds: Annotated[float, typer.Option(min=0.1, help="How long.")] = 10.0,
+    seconds: Annotated[float, typer.Option(min=0.1, help="Time to hold, s.")] = 10.0,
     on_stop_hold: Annotated[
         bool, typer.Option("--hold", help="Hold the pressure where the control stops by itself; default: vent.")
     ] = False,
     max_u: Annotated[
-        float | None, typer.Option(min=0.001, metavar="MM", help="U of the elongation that stops the control.")
+        float | None, typer.Option(min=0.001, metavar="MM", help="U (k = 2) that stops the control; default 0.8.")
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Recording to write; default a dated name.")] = None,
     as_json: JsonOption = False,

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from analysis.calibration.inverse import Inverse as Inverse
     from analysis.calibration.posterior import Posterior as Posterior
     from analysis.calibration.posterior import sample_posterior as sample_posterior
-    from analysis.data.load import load_recording as load_recording
+    from analysis.calibration_export.run_record import load_recording as load_recording
     from analysis.data.recording import Recording as Recording
     from analysis.figures.figure import Figure as Figure
     from analysis.figures.pipeline import Analysis as Analysis
@@ -53,7 +53,7 @@ _NAMES = {  # by module
     "calibration.fit": ("Calibration", "fit_calibration"),
     "calibration.inverse": ("Fusion", "Inverse"),
     "calibration.posterior": ("Posterior", "sample_posterior"),
-    "data.load": ("load_recording",),
+    "calibration_export.run_record": ("load_recording",),
     "data.recording": ("Recording",),
     "figures.figure": ("Figure",),
     "figures.pipeline": ("Analysis", "analyse"),

@@ -14,7 +14,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import emcee
 import numpy as np
 import numpy.typing as npt
 from scipy import special
@@ -160,6 +159,8 @@ def sample_posterior(
     samples : sufficient effective number; more than `KEPT_SAMPLES` are all kept.
     start_sd : radius of the starting ball, standard errors.
     """
+    import emcee
+
     with np.errstate(divide="ignore"):
         weights = (
             None if standard_uncertainty is None else 1.0 / np.asarray(standard_uncertainty, dtype=np.float64) ** 2
@@ -170,7 +171,7 @@ def sample_posterior(
     target = _Target.of(calibration, reading_sd, monotone)
     rng = np.random.default_rng(seed)
     start = target.start(rng, walkers, start_sd)
-    moves = [(_StudentMove(), 0.8), (emcee.moves.DEMove(), 0.2)]
+    moves = [(_student_move(), 0.8), (emcee.moves.DEMove(), 0.2)]
     sampler = emcee.EnsembleSampler(walkers, start.shape[1], target.log_probability, vectorize=True, moves=moves)
     state = emcee.State(start, random_state=np.random.RandomState(seed % 2**32).get_state())
     steps, burn, tau = 0, 0, float("inf")
@@ -199,23 +200,31 @@ def sample_calibration(
     return sample_posterior(x, calibration.y - loop, calibration.degree, positions=positions, **options)
 
 
-class _StudentMove(emcee.moves.RedBlueMove):  # type: ignore[misc]  # emcee comes without types
-    """Propose from Student's t with the mean and covariance of the other half of the ensemble, whatever the place.
+def _student_move() -> Any:
+    """Return a move of the ensemble by Student's t; emcee, with h5py behind it, is imported when it samples."""
+    import emcee
 
-    In whitened coordinates the posterior is nearly normal, so most such steps are taken: a fifth of the autocorrelation
-    time of the stretch move.
-    """
+    class StudentMove(emcee.moves.RedBlueMove):  # type: ignore[misc]  # emcee comes without types
+        """Propose from Student's t with the mean and covariance of the other half of the ensemble, whatever the place.
 
-    def get_proposal(self, sample: FloatArray, complement: list[FloatArray], rng: Any) -> tuple[FloatArray, FloatArray]:
-        """Return the new places [walkers, dim] and the log ratio of proposing back to proposing [walkers]."""
-        others = np.concatenate(complement)
-        size = others.shape[1]
-        root = np.linalg.cholesky(np.cov(others.T) + 1e-12 * np.eye(size))
-        stretch = np.sqrt(PROPOSAL_DOF / rng.chisquare(PROPOSAL_DOF, sample.shape[0]))
-        step = rng.standard_normal(sample.shape) * stretch[:, None]
-        back = np.linalg.solve(root, (sample - others.mean(axis=0)).T).T
-        new, old = (np.log1p((z**2).sum(axis=1) / PROPOSAL_DOF) for z in (step, back))
-        return others.mean(axis=0) + step @ root.T, 0.5 * (PROPOSAL_DOF + size) * (new - old)
+        In whitened coordinates the posterior is nearly normal, so most such steps are taken: a fifth of the
+        autocorrelation time of the stretch move.
+        """
+
+        def get_proposal(
+            self, sample: FloatArray, complement: list[FloatArray], rng: Any
+        ) -> tuple[FloatArray, FloatArray]:
+            """Return the new places [walkers, dim] and the log ratio of proposing back to proposing [walkers]."""
+            others = np.concatenate(complement)
+            size = others.shape[1]
+            root = np.linalg.cholesky(np.cov(others.T) + 1e-12 * np.eye(size))
+            stretch = np.sqrt(PROPOSAL_DOF / rng.chisquare(PROPOSAL_DOF, sample.shape[0]))
+            step = rng.standard_normal(sample.shape) * stretch[:, None]
+            back = np.linalg.solve(root, (sample - others.mean(axis=0)).T).T
+            new, old = (np.log1p((z**2).sum(axis=1) / PROPOSAL_DOF) for z in (step, back))
+            return others.mean(axis=0) + step @ root.T, 0.5 * (PROPOSAL_DOF + size) * (new - old)
+
+    return StudentMove()
 
 
 @dataclass(frozen=True, slots=True)

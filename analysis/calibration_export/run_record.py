@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from analysis.calibration.inverse import Fusion
 from analysis.calibration.record import CalibrationRecord, SensorRecord
 from analysis.calibration.type_b import counted
+from analysis.data import load
+from analysis.data.recording import Recording
+from analysis.figures.pipeline import analyse
 from analysis.figures.sensor_analysis import AnalysedRun
 from analysis.figures.uncertainty import signal_parts
 from analysis.version import program_version
@@ -64,3 +69,16 @@ def sensor_record(analysis: AnalysedRun, number: int) -> SensorRecord:
 def elongation_reader(analysis: AnalysedRun) -> Fusion:
     """Return the fusion of a run's sensors with the u of its budget. BoatDaqError: a sensor gives no elongation."""
     return calibration_record(analysis).fusion()
+
+
+def load_recording(path: str | Path, **import_options: Any) -> Recording:
+    """Load a run from a `.boat` file, or from a table by the options of `csv_import.import_csv`; the file is only read.
+
+    Its `to_frame` has the elongation by its own readings. Raises FileError if it does not exist, or is of another kind;
+    RequestError for a column map of a recording.
+    """
+    return replace(load.load_recording(path, **import_options), calibrator=_own_reader)
+
+
+def _own_reader(recording: Recording) -> Fusion:
+    return elongation_reader(analyse(recording, mcmc=False))

@@ -8,7 +8,7 @@ measurement, is marked in `usable`, with a count by reason, and stays in the col
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -19,7 +19,7 @@ import pandas as pd
 
 from analysis.data.camera_record import CameraRecord
 from protocol.base.arrays import BoolArray, FloatArray, IntArray
-from protocol.base.errors import DataError
+from protocol.base.errors import BoatDaqError, DataError
 from protocol.base.optional import optional
 from protocol.base.units import in_a_name
 from protocol.recording import (
@@ -88,6 +88,7 @@ class Recording:
     interval_s : median sampling interval, NaN below two samples.
     channel : [n, channels] extra channels, each in its own unit, NaN where it was not measured; None without any.
     steps, readings : frames with STEP_COLUMNS and READING_COLUMNS; empty if the source has none.
+    calibrator : function that `to_frame` gets the elongation of a run with readings from.
     """
 
     time_s: FloatArray
@@ -111,6 +112,7 @@ class Recording:
     source: str = ""
     channel: FloatArray | None = None
     camera: CameraRecord | None = None
+    calibrator: Callable[[Recording], ElongationReader] | None = field(default=None, repr=False, compare=False)
 
     @property
     def n(self) -> int:
@@ -245,8 +247,15 @@ class Recording:
 
         Parameters
         ----------
-        reader : adds the columns `elongation_mm` and `u_mm` (U, k = 2); see `boat_daq.elongation_reader`.
+        reader : gives the columns `elongation_mm` and `u_mm` (U, k = 2); default the calibration by the run's own
+            readings, for all rows of a run of `load_recording`.
         """
+        void = _NO_READER
+        if reader is None and rows is None and self.calibrator is not None and len(self.readings):
+            try:
+                reader = self.calibrator(self)
+            except BoatDaqError as error:
+                void = error.cause
         first, last = ("index", "time_s", "pressure_kpa", "target_kpa"), ("state", "flags", "segment")
         frame: dict[str, Any] = {name: getattr(self, name) for name in first}
         for i, name in enumerate(self.signal_columns):
@@ -264,7 +273,7 @@ class Recording:
             columns |= {"elongation_mm": read.elongation_mm, "u_mm": 2.0 * read.standard_uncertainty_mm}
         found = pd.DataFrame(columns)
         found.attrs = {"simulated": self.simulated, "unit": self.unit, "units": self._units(found.columns)}
-        found.attrs |= {"u_stand_in": reader.u_stand_in} if reader is not None else {"elongation_void": _NO_READER}
+        found.attrs |= {"u_stand_in": reader.u_stand_in} if reader is not None else {"elongation_void": void}
         return found
 
     def _units(self, names: Iterable[str]) -> dict[str, str]:

@@ -16,6 +16,7 @@ from boat_daq.commands.options import (
     RunArgument,
     one_of,
 )
+from boat_daq.commands.usage import STANDARD_OUTPUT
 
 if TYPE_CHECKING:
     from analysis.data.export import ConvertedElongation, Format
@@ -173,4 +174,5 @@ def export(
         emit_json(head | {"calibration": source, "elongation_void": void})
     else:
         for file in files:
-            notify(f"wrote {file}")
+            if not file.name.startswith(STANDARD_OUTPUT):
+                notify(f"wrote {file}")

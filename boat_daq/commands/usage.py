@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 _KINDS = {"int": "N", "integer": "N", "float": "NUMBER", "path": "PATH", "file": "PATH", "datetime": "TIME"}
+STANDARD_OUTPUT = "standard-output"  # name of the file that is copied to it
 _STANDARD = ("-", "/dev/stdin", "/dev/stdout")
 _SUFFIXES = {  # of what a command writes to standard output, where no --format says it
     "report": ".html", "history": ".html", "certificate": ".xml", "dynamics": ".html", "import": ".boat",
@@ -130,7 +131,7 @@ def _standard_input() -> Iterator[Path]:
 def _standard_output(form: str | None, suffix: str) -> Iterator[Path]:
     """Give a file that is copied to standard output when the command has written it; results go to standard error."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"standard-output{f'.{form}' if form else suffix}"
+        path = Path(folder) / f"{STANDARD_OUTPUT}{f'.{form}' if form else suffix}"
         with redirect_stdout(sys.stderr):
             yield path
         with path.open("rb") as file:

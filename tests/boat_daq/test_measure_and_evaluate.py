@@ -95,8 +95,10 @@ def test_a_figure_is_a_number_with_uncertainty(analysis: Analysis) -> None:
 
 def test_frames_carry_their_units(run: Recording, analysis: Analysis) -> None:
     """Samples with elongation and U, figures with intervals; both marked as simulated."""
-    assert "elongation_reader" in run.to_frame().attrs["elongation_void"]
-    frame = run.to_frame(reader=elongation_reader(analysis))
+    assert "elongation_reader" in analysis.recording.to_frame(slice(5)).attrs["elongation_void"]
+    frame = run.to_frame()
+    given = run.to_frame(slice(9000), reader=elongation_reader(analysis))
+    np.testing.assert_allclose(given["elongation_mm"], frame["elongation_mm"][:9000], atol=1e-9)
     assert frame.attrs["simulated"] is True
     assert (frame.attrs["unit"], frame.attrs["units"]["s1_mv"], frame.attrs["units"]["u_mm"]) == ("SA1", "mV", "mm")
     held = frame[np.isclose(frame["target_kpa"], 20.0)]

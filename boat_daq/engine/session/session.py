@@ -505,6 +505,11 @@ class Session:
                 elongation=control.loop.state() if control.loop is not None else None,
             )
 
+    def __repr__(self) -> str:
+        now = self.snapshot()
+        mark = " SIMULATED," if now.simulated else ""
+        return f"<Session:{mark} {now.port or 'no port'}, link {now.link.value}, {now.state.value}>"
+
     @property
     def mv_per_count(self) -> float:
         """Millivolts of signal for one count of the board, known once it is connected."""

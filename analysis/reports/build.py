@@ -9,15 +9,16 @@ of a simulated run.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from analysis.calibration_export.verdict import Verdict, VerdictState, verdict_of
-from analysis.figures.figure import SENSOR_FIGURES
+from analysis.figures.figure import KEY_FIGURES, SENSOR_FIGURES
 from analysis.figures.pipeline import Analysis
 from analysis.history.between_runs import RunComparison, UnitComparison, compare_runs
-from analysis.numbers import rounded, with_uncertainty
+from analysis.numbers import rounded
 from analysis.progress import Progress
 from analysis.reports import drawings
 from analysis.reports import run_section as sections
@@ -29,7 +30,7 @@ from analysis.reports.shown_units import in_units
 from analysis.reports.unit_report import history_of_unit, write_built
 from analysis.version import program_version
 from protocol.base.errors import RequestError
-from protocol.base.units import NOTHING, STORED_UNITS, ShownUnits
+from protocol.base.units import STORED_UNITS, ShownUnits
 
 if TYPE_CHECKING:
     from analysis.figures.against_shadow import AgainstShadow
@@ -88,7 +89,7 @@ def build_report(
     filled += [breaks(analysis)] if analysis.breaks else []
     filled += [sections.hysteresis(analysis, verdict)] if analysis.loops.n_cycles else []
     filled += [sections.over_cycles(analysis)] if analysis.loops.n_cycles > 1 else []
-    filled += [sections.other_figures(analysis, verdict)]
+    filled += [sections.other_figures(analysis)]
     filled += [sections.coefficients(analysis)] if any(s.calibration for s in analysis.sensors) else []
     filled += sections.budget(analysis.budgets, analysis=analysis)
     filled += [camera_section(analysis, analysis.camera)] if analysis.camera is not None else []
@@ -112,11 +113,9 @@ def _several(compared: RunComparison, limits: Mapping[str, float]) -> Report:
         filled += sections.budget(unit.budgets, unit.unit or "the unit")
     verdicts: list[Verdict] = []
     for number, analysis in enumerate(analyses, 1):
-        verdicts.append(verdict := verdict_of(analysis, limits))
-        parts = sections.key_figures(analysis, verdict).parts + sections.other_figures(analysis, verdict).parts
-        if analysis.loops.n_cycles:
-            parts += sections.hysteresis(analysis, verdict).parts
-        filled.append(Section(f"Run {number}: {_name(analysis)}", parts))
+        verdicts.append(verdict_of(analysis, limits))
+        parts = (*sections.curves(analysis), *sections.undefined(analysis))
+        filled += [Section(f"Run {number}: {_name(analysis)}", parts)] if parts else []
     text = " ".join(f"Run {i}: {_verdict(one)}" for i, one in enumerate(verdicts, 1))
     unnamed = sum(not analysis.recording.unit for analysis in analyses)
     if unnamed > 1:
@@ -124,7 +123,8 @@ def _several(compared: RunComparison, limits: Mapping[str, float]) -> Report:
     about = "Comparison of runs", ", ".join(names), any(a.recording.simulated for a in analyses)
     program = f"boat-daq {program_version()}"
     facts = ("Runs", str(len(analyses))), ("Units", ", ".join(names)), ("Program", program)
-    return Report(*about, text, facts, tuple(filled), program, max(a.recording.started_utc for a in analyses))
+    date, alert = max(a.recording.started_utc for a in analyses), any(one.state in ALERTS for one in verdicts)
+    return Report(*about, text, facts, tuple(filled), program, date, alert=alert)
 
 
 def _verdict(verdict: Verdict) -> str:
@@ -138,7 +138,6 @@ def _facts(analysis: Analysis) -> tuple[tuple[str, str], ...]:
     name = plan.get("name", "") if isinstance(plan, dict) else (plan or "")
     cycles = analysis.cycles.as_json()
     rows = [
-        ("Unit", meta.get("unit")),
         *((label, text) for label, text in recording.metadata.lines() if label != "Note"),
         ("Recorded", date_of(recording.started_utc)),
         ("Board", meta.get("board_id")),
@@ -147,7 +146,7 @@ def _facts(analysis: Analysis) -> tuple[tuple[str, str], ...]:
         *((f"Marker at {time_s:.2f} s", text) for time_s, text in meta.get("markers", ())),
         ("Samples", f"{recording.n} at {recording.rate_hz:.1f} Hz, {recording.lost} lost"),
         ("Duration", f"{recording.duration_s:.1f} s"),
-        ("Cycles", f"{cycles['complete']} complete, {cycles['partial']} partial"),
+        ("Cycles", f"{cycles['complete']} complete" + (f", {cycles['partial']} partial" if cycles["partial"] else "")),
         ("Elongation", analysis.elongations.source if analysis.elongations else "not read"),
     ]
     return tuple((label, str(value)) for label, value in rows if value not in (None, ""))
@@ -164,26 +163,19 @@ def _footer(analysis: Analysis) -> str:
 
 def runs_table(analyses: Sequence[Analysis]) -> Section:
     """Return the section with the key figures of every run side by side."""
-    heads = ("run", "unit", "sensor")
-    names = ("sensitivity_mv_per_mm", "system_hysteresis_percent_fso", "snr_db", "fso_mv")
-    labels = [SENSOR_FIGURES[name].label_with_unit for name in names]
-    first, second = [], []
-    for number, a in enumerate(analyses, 1):
-        for sensor in a.sensors:
-            shown = [cell(sensor.figures.get(k)) for k in names]
-            fit = sensor.calibration
-            b0 = with_uncertainty(float(fit.coefficients[0]), float(fit.std_errors_with_reading[0])) if fit else NOTHING
-            name = (str(number), a.recording.unit, sensor.name)
-            first.append((*name, b0, *shown[:2]))
-            second.append((*name, *shown[2:]))
-    caption = "b0 ± standard uncertainty; 95 % intervals within each run; FSO: full-scale output."
-    parts = (
-        ReportTable((*heads, "b0, mV", *labels[:2]), tuple(first)),
-        ReportTable((*heads, *labels[2:]), tuple(second), caption),
-    )
-    draws = tuple(partial(drawings.side_by_side, analyses, name) for name in names[:2])
+    heads, tables = ("run", "unit", "sensor"), []
+    for names in (KEY_FIGURES[:2], KEY_FIGURES[2:5], (KEY_FIGURES[5], "fso_mv")):
+        rows = []
+        for number, a in enumerate(analyses, 1):
+            for k, sensor in enumerate(a.sensors, 1):
+                shown = [cell(sensor.figures.get(key), SENSOR_FIGURES[key].decimals) for key in names]
+                rows.append((str(number), a.recording.unit, str(k), *shown))
+        labels = [SENSOR_FIGURES[name].label_with_unit for name in names]
+        tables.append(ReportTable((*heads, *labels), tuple(rows)))
+    tables[-1] = replace(tables[-1], caption="95 % intervals within each run; FSO: full-scale output.")
+    draws = tuple(partial(drawings.side_by_side, analyses, name) for name in KEY_FIGURES[:2])
     drawn = ReportDrawing(draws, "Each run with its 95 % interval; runs of one unit are next to one another.", 2.4)
-    return Section("Runs compared", (drawn, *parts))
+    return Section("Runs compared", (drawn, *tables))
 
 
 def spread_of_runs(unit: UnitComparison) -> list[Section]:

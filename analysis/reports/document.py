@@ -35,13 +35,11 @@ class ReportTable:
 
 @dataclass(frozen=True, slots=True)
 class ReportDrawing:
-    """Drawings side by side, or stacked on one abscissa with `ratios`; size and left margin in inches."""
+    """Drawings side by side; height in inches."""
 
     draw: tuple[Draw, ...]
-    caption: str
+    caption: str = ""
     height: float = 2.9
-    ratios: tuple[float, ...] = ()
-    left: float = 0.72  # wide enough for ticks like −0.015
 
 
 SectionPart = str | ReportTable | ReportDrawing
@@ -133,18 +131,20 @@ def typeset(text: str) -> str:
     return _HYPHEN.sub(MINUS, text)
 
 
-def cells(figure: Figure | None) -> tuple[str, str]:
-    """Value and interval, rounded alike."""
+def cells(figure: Figure | None, decimals: int = 3) -> tuple[str, str]:
+    """Value and interval, rounded alike; a value without an interval to so many decimals."""
     if figure is None or np.isnan(figure.value):
         return NOTHING, ""
     half = (figure.high - figure.low) / 4
+    if not np.isfinite(half) or half == 0:
+        half = 10.0 ** (1 - decimals)
     known = np.isfinite(figure.low) and np.isfinite(figure.high)
     return rounded(figure.value, half), f"{rounded(figure.low, half)} … {rounded(figure.high, half)}" if known else ""
 
 
-def cell(figure: Figure | None) -> str:
+def cell(figure: Figure | None, decimals: int = 3) -> str:
     """Return value and interval in one cell."""
-    value, interval = cells(figure)
+    value, interval = cells(figure, decimals)
     return f"{value} [{interval}]" if interval else value
 
 
@@ -161,6 +161,6 @@ def power(k: int) -> str:
 def date_of(text: object) -> str:
     """Return an ISO time as date, time and offset; any other text as it is."""
     try:
-        return datetime.datetime.fromisoformat(str(text)).strftime("%Y-%m-%d %H:%M:%S %z")
+        return datetime.datetime.fromisoformat(str(text)).strftime("%Y-%m-%d %H:%M:%S %z").replace("+0000", "UTC")
     except ValueError:
         return str(text or "")

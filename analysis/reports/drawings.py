@@ -44,7 +44,7 @@ def finished(ax: Axes) -> None:
 
 def over_cycles(ax: Axes, ylabel: str, title: str) -> None:
     """Give axes over whole numbers of cycles their titles."""
-    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
     ax.set(xlabel="cycle", ylabel=ylabel, title=title)
 
 
@@ -54,29 +54,35 @@ def signed(value: float) -> str:
 
 
 def calibration_curve(analysis: Analysis, sensor: int, ax: Axes) -> None:
-    """Draw points, fitted curve, 95 % bands of curve and of a new reading."""
-    one = analysis.sensors[sensor]
-    calibration = one.calibration
+    """Draw points and fitted curve."""
+    calibration = analysis.sensors[sensor].calibration
     assert calibration is not None
-    colour = style.sensor_colour(sensor)
     grid = np.linspace(*calibration.x_range, DRAWN_POINTS)
-    low, high = calibration.band(grid, 0.95, new_reading=True)
-    ax.fill_between(grid, low, high, color=colour, alpha=0.12, linewidth=0, label="new reading, 95 %")
-    low, high = one.posterior.curve_band(grid) if one.posterior else calibration.band(grid, 0.95)
-    ax.fill_between(grid, low, high, color=colour, alpha=2 * style.BAND_ALPHA, linewidth=0, label="curve, 95 %")
-    ax.plot(grid, calibration.predict(grid), color=colour, label=curve_name(calibration.curve))
+    ax.plot(grid, calibration.predict(grid), color=style.sensor_colour(sensor), label=curve_name(calibration.curve))
     _branch_points(ax, analysis, sensor, calibration.x, calibration.y)
     ax.set(xlabel="elongation, mm", ylabel="signal, mV", title=f"Sensor {sensor + 1}")
-    ax.legend(loc="lower right" if calibration.rises else "upper right")
+    ax.legend()
 
 
 def residuals(analysis: Analysis, sensor: int, ax: Axes) -> None:
-    """Draw the residuals of the calibration over elongation."""
-    calibration = analysis.sensors[sensor].calibration
+    """Draw the residuals over elongation, with the 95 % bands, which are too narrow for the axes of the curve."""
+    one = analysis.sensors[sensor]
+    calibration = one.calibration
     assert calibration is not None
+    grid = np.linspace(*calibration.x_range, DRAWN_POINTS)
+    fitted, reading = calibration.predict(grid), calibration.band(grid, 0.95, new_reading=True)
+    curve = one.posterior.curve_band(grid) if one.posterior else calibration.band(grid, 0.95)
+    for (low, high), alpha, named in (
+        (reading, 0.12, "new reading, 95 %"),
+        (curve, 2 * style.BAND_ALPHA, "curve, 95 %"),
+    ):
+        ax.fill_between(
+            grid, low - fitted, high - fitted, color=style.sensor_colour(sensor), alpha=alpha, linewidth=0, label=named
+        )
     ax.axhline(0.0, color=style.SOFT, linewidth=0.7)
-    _branch_points(ax, analysis, sensor, calibration.x, calibration.residuals)
+    _branch_points(ax, analysis, sensor, calibration.x, calibration.residuals, named=False)
     ax.set(xlabel="elongation, mm", ylabel="residual, mV")
+    ax.legend()
 
 
 def loop_difference(analysis: Analysis, limit_percent: float | None, ax: Axes) -> None:
@@ -123,8 +129,9 @@ def per_cycle_figure(analysis: Analysis, name: str, label: str, title: str, ax: 
     """Draw one field `name` of `FiguresByCycle` of all sensors, warm-up cycles shaded."""
     warm = max((sensor.by_cycle.warm_up for sensor in analysis.sensors), default=0)
     for i, sensor in enumerate(analysis.sensors):
-        values, named = sensor.by_cycle, f"sensor {i + 1}"
-        ax.plot(values.numbers, getattr(values, name), "o-", color=style.sensor_colour(i), ms=2, lw=0.7, label=named)
+        values, colour = getattr(sensor.by_cycle, name), style.sensor_colour(i)
+        named = f"sensor {i + 1}" if np.isfinite(values).any() else None
+        ax.plot(sensor.by_cycle.numbers, values, "o-", color=colour, ms=2, lw=0.7, label=named)
     if warm:
         named = f"warm-up: {warm} cycle{'s' if warm > 1 else ''}"
         ax.axvspan(0.5, warm + 0.5, color=style.LINE, alpha=0.5, linewidth=0, label=named)
@@ -178,7 +185,8 @@ def side_by_side(analyses: Sequence[Analysis], name: str, ax: Axes) -> None:
 def uncertainty_over_x(u_elongation: Sequence[FloatArray], ax: Axes) -> None:
     """Draw U of an elongation over the calibrated range, of each sensor [points, 2] x and U, mm; NaN where unknown."""
     for i, u in enumerate(u_elongation):
-        ax.plot(u[:, 0], 1000.0 * u[:, 1], color=style.sensor_colour(i), label=f"sensor {i + 1}")
+        named = f"sensor {i + 1}" if u.size else None
+        ax.plot(u[:, 0], 1000.0 * u[:, 1], color=style.sensor_colour(i), label=named)
     ax.set_ylim(bottom=0.0)
     ax.set(xlabel="elongation, mm", ylabel="U, µm", title="Expanded uncertainty, k = 2")
     legend(ax)
@@ -221,35 +229,34 @@ def legend(ax: Axes, **placed: Any) -> None:
         ax.legend(**placed)
 
 
-def _branch_points(ax: Axes, analysis: Analysis, sensor: int, x: FloatArray, y: FloatArray) -> None:
+def _branch_points(
+    ax: Axes, analysis: Analysis, sensor: int, x: FloatArray, y: FloatArray, *, named: bool = True
+) -> None:
     """Filled points for loading, open ones for unloading."""
     places = analysis.sensors[sensor].point_plateau.astype(int)
     loading = np.asarray([analysis.plateaus[i].branch == "loading" for i in places])
     colour = style.sensor_colour(sensor)
     for chosen, fill, label in ((loading, colour, "loading"), (~loading, style.PAPER_COLOUR, "unloading")):
-        ax.plot(x[chosen], y[chosen], "o", color=colour, mfc=fill, mew=0.7, ms=3.2, label=label)
+        ax.plot(x[chosen], y[chosen], "o", color=colour, mfc=fill, mew=0.7, ms=3.2, label=label if named else None)
 
 
 AXES_TOP, AXES_BOTTOM, AXES_RIGHT = 0.26, 0.42, 0.12
-_BETWEEN = 0.1  # stacked axes
+LEFT = 0.72  # wide enough for ticks like −0.015
 LEGEND_ROW, LEGEND_ENTRY = 0.15, 1.08  # height of a row of a legend, width of an entry
+LEGEND_KEY, LEGEND_LETTER = 0.34, 0.062  # width of a key with its space, of a letter
 
 
 def set_drawing(canvas: Canvas, drawing: ReportDrawing, x: float, y: float, width: float) -> None:
-    """Draw with the upper left corner at x, y from the canvas's: side by side, or stacked on one abscissa."""
+    """Draw side by side, with the upper left corner at x, y from the canvas's."""
     page_width, page_height = canvas.get_size_inches()
-    first: Axes | None = None
-    for draw, (left, top, wide, high) in zip(drawing.draw, _boxes(drawing, x, y, width), strict=True):
-        box = (left / page_width, 1 - (top + high) / page_height, wide / page_width, high / page_height)
-        stacked = bool(drawing.ratios)
-        ax = canvas.add_axes(box, sharex=first if stacked else None)
+    share, high = width / len(drawing.draw), drawing.height - AXES_TOP - AXES_BOTTOM
+    wide = share - LEFT - AXES_RIGHT
+    for at, draw in enumerate(drawing.draw):
+        left, bottom = x + at * share + LEFT, y + AXES_TOP + high
+        ax = canvas.add_axes((left / page_width, 1 - bottom / page_height, wide / page_width, high / page_height))
         draw(ax)
         finished(ax)
         _lift_legend(ax, wide, page_height)
-        if stacked and draw is not drawing.draw[-1]:
-            ax.tick_params(labelbottom=False)
-            ax.set_xlabel("")
-        first = first or ax
 
 
 def _lift_legend(ax: Axes, wide: float, page_height: float) -> None:
@@ -259,7 +266,8 @@ def _lift_legend(ax: Axes, wide: float, page_height: float) -> None:
         return
     handles, names = ax.get_legend_handles_labels()
     legend.remove()
-    columns = max(1, min(len(names), int(wide / LEGEND_ENTRY)))
+    fits = sum(LEGEND_KEY + LEGEND_LETTER * len(name) for name in names) <= wide
+    columns = len(names) if fits else max(1, min(len(names), int(wide / LEGEND_ENTRY)))
     rows = -(-len(names) // columns)
     strip = rows * LEGEND_ROW + 0.04
     box = ax.get_position()
@@ -269,21 +277,6 @@ def _lift_legend(ax: Axes, wide: float, page_height: float) -> None:
         borderpad=0.0, columnspacing=1.2, handlelength=1.6, handletextpad=0.5, labelspacing=0.25,
     )  # fmt: skip
     ax.set_title(ax.get_title(loc="left"), loc="left", pad=72.0 * strip + 4.0)
-
-
-def _boxes(drawing: ReportDrawing, x: float, y: float, width: float) -> list[tuple[float, float, float, float]]:
-    """Left, top, width, height of each drawing's axes."""
-    count, top = len(drawing.draw), y + AXES_TOP
-    if not drawing.ratios:
-        cell, high = width / count, drawing.height - AXES_TOP - AXES_BOTTOM
-        return [(x + at * cell + drawing.left, top, cell - drawing.left - AXES_RIGHT, high) for at in range(count)]
-    shares = np.asarray(drawing.ratios) / sum(drawing.ratios)
-    usable = drawing.height - AXES_TOP - AXES_BOTTOM - _BETWEEN * (count - 1)
-    wide = width - drawing.left - AXES_RIGHT
-    return [
-        (x + drawing.left, top + usable * float(shares[:at].sum()) + _BETWEEN * at, wide, usable * float(shares[at]))
-        for at in range(count)
-    ]
 
 
 def as_svg(drawing: ReportDrawing, width: float, *, text: bool = False) -> tuple[str, str]:

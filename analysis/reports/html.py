@@ -59,7 +59,7 @@ def _part(part: SectionPart) -> dict[str, Any]:
         sides = ["right" if right else "left" for right in right_aligned(part)]
         return {"kind": "table", "table": shown, "sides": sides, "caption": typeset(shown.caption)}
     if isinstance(part, ReportDrawing):
-        panels = [part] if part.ratios else [replace(part, draw=(one,)) for one in part.draw]
+        panels = [replace(part, draw=(one,)) for one in part.draw]
         width = min(STACKED_INCH, WIDTH_INCH / len(panels))
         drawn = [_panel(*as_svg(panel, width)) for panel in panels]
         return {"kind": "drawing", "panels": drawn, "caption": typeset(part.caption)}

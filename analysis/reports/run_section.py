@@ -12,13 +12,14 @@ import numpy as np
 
 from analysis import published
 from analysis.calibration.curve_choice import curve_name
+from analysis.calibration.type_b import EXPECTED
 from analysis.calibration_export.verdict import Verdict
 from analysis.conformity import RULE
 from analysis.figures.across_breaks import ALPHA, Break
 from analysis.figures.figure import KEY_FIGURES, SENSOR_FIGURES, SYSTEM_FIGURES, void_sentences
 from analysis.figures.pipeline import Analysis
 from analysis.figures.sensor_analysis import SensorAnalysis
-from analysis.figures.uncertainty import Budget, ElongationBudgets
+from analysis.figures.uncertainty import ElongationBudgets
 from analysis.figures.warnings import reading_grid
 from analysis.numbers import percent, rounded, with_uncertainty
 from analysis.reports import drawings
@@ -38,33 +39,34 @@ def key_figures(analysis: Analysis, verdict: Verdict) -> Section:
         "Key figures",
         (
             *checked,
-            *_figure_tables(analysis, verdict, KEY_FIGURES),
-            *([_conformity_table(verdict)] if verdict.limits_set else []),
-            *_curves(analysis),
+            *_figure_tables(analysis, KEY_FIGURES),
+            *_conformity_tables(analysis, verdict),
+            *curves(analysis),
         ),
     )
 
 
-def _curves(analysis: Analysis) -> list[SectionPart]:
-    """The calibration curves with their residuals below, two sensors a row."""
+def curves(analysis: Analysis) -> list[SectionPart]:
+    """Return the calibration curves with their residuals below, two sensors a row."""
     calibrated = [i for i, s in enumerate(analysis.sensors) if s.calibration is not None]
     parts: list[SectionPart] = []
     for at in range(0, len(calibrated), 2):
         row = calibrated[at : at + 2]
-        curves = tuple(partial(drawings.calibration_curve, analysis, i) for i in row)
-        residuals = tuple(partial(drawings.residuals, analysis, i) for i in row)
-        parts.append(ReportDrawing(curves, "", 2.6))
-        parts.append(ReportDrawing(residuals, "Plateau means, fitted curve with its 95 % bands, and residuals.", 1.5))
+        parts.append(ReportDrawing(tuple(partial(drawings.calibration_curve, analysis, i) for i in row), height=2.6))
+        parts.append(ReportDrawing(tuple(partial(drawings.residuals, analysis, i) for i in row), height=1.7))
     return parts
 
 
-def other_figures(analysis: Analysis, verdict: Verdict) -> Section:
+def other_figures(analysis: Analysis) -> Section:
     """Return the section with all figures that are no key figures, and what is undefined or lost."""
-    undefined = void_sentences([(f"sensor {i}", s.figures) for i, s in enumerate(analysis.sensors, 1)])
     others = tuple(key for key in SENSOR_FIGURES if key not in KEY_FIGURES)
-    tables = (*_figure_tables(analysis, verdict, others), *_unit_table(analysis), *_lab_table(analysis))
-    stated = [_conformity_table(verdict)] if verdict.limits and not verdict.limits_set else []
-    return Section("Other figures", (*tables, _DEFINITIONS, *stated, *_lost(analysis), *undefined))
+    tables = (*_figure_tables(analysis, others), *_unit_table(analysis), *_lab_table(analysis))
+    return Section("Other figures", (*tables, _DEFINITIONS, *_lost(analysis), *undefined(analysis)))
+
+
+def undefined(analysis: Analysis) -> list[str]:
+    """Return why figures are undefined."""
+    return void_sentences([(f"sensor {i}", s.figures) for i, s in enumerate(analysis.sensors, 1)])
 
 
 _DEFINITIONS = (
@@ -73,10 +75,14 @@ _DEFINITIONS = (
 )
 
 
-def _figure_tables(analysis: Analysis, verdict: Verdict, keys: Sequence[str]) -> list[ReportTable]:
+def _figure_tables(analysis: Analysis, keys: Sequence[str]) -> list[ReportTable]:
     """Two sensors a table."""
+    return [_figure_table(analysis, keys, chosen) for chosen in _pairs(analysis)]
+
+
+def _pairs(analysis: Analysis) -> list[range]:
     count = len(analysis.sensors)
-    return [_figure_table(analysis, verdict, keys, range(at, min(at + 2, count))) for at in range(0, count, 2)]
+    return [range(at, min(at + 2, count)) for at in range(0, count, 2)]
 
 
 def _lab_table(analysis: Analysis) -> list[ReportTable]:
@@ -92,40 +98,45 @@ def _lab_table(analysis: Analysis) -> list[ReportTable]:
     return [ReportTable(("Figure of the laboratory", *heads, "plugin"), tuple(rows), caption)] if rows else []
 
 
-def _conformity_table(verdict: Verdict) -> ReportTable:
-    """A row for each limit and each sensor: value, guard band, probability, statement."""
-    rows = []
-    for one in verdict.limits:
-        tolerance, stated = one.tolerance, one.statement
-        sign = "≥" if tolerance.is_lower else "≤"
-        u = stated.guard_band / 2
-        band = rounded(stated.guard_band, u) if np.isfinite(stated.guard_band) else "not known"
-        probable = percent(stated.probability, 1) if np.isfinite(stated.probability) else NOTHING
-        label = SENSOR_FIGURES[tolerance.key].label_with_unit
-        limit = f"{sign} {tolerance.limit:g}"
-        rows.append((label, one.sensor, rounded(one.figure.value, u), limit, band, probable, one.conformity.label))
-    header = ("Limit", "sensor", "value", "limit", "guard band", "conformity", "statement")
+def _conformity_tables(analysis: Analysis, verdict: Verdict) -> list[ReportTable]:
+    """A row for each limit, with statement and probability of two sensors a table."""
     whose = "Limits that were set" if verdict.limits_set else "Published limits; none were set"
-    caption = f"{whose}. Decision rule {RULE}. Conformity: probability that the figure keeps its limit (JCGM 106:2012)."
-    return ReportTable(header, tuple(rows), caption)
+    caption = f"{whose}. Decision rule {RULE}. Probability: that the figure keeps its limit (JCGM 106:2012)."
+    tables = []
+    for chosen in _pairs(analysis):
+        names = [analysis.sensors[i].name for i in chosen]
+        stated = {(one.tolerance.key, one.sensor): one for one in verdict.limits}
+        tolerances = {one.tolerance.key: one.tolerance for one in verdict.limits if one.sensor in names}
+        rows = []
+        for key, tolerance in tolerances.items():
+            shown: list[str] = []
+            for one in (stated.get((key, name)) for name in names):
+                share = one.statement.probability if one is not None else np.nan
+                shown += (
+                    one.conformity.label if one is not None else NOTHING,
+                    percent(share, 1) if np.isfinite(share) else NOTHING,
+                )
+            rows.append((SENSOR_FIGURES[key].label_with_unit, f"{tolerance.symbol} {tolerance.limit:g}", *shown))
+        heads = [text for i in chosen for text in (f"Sensor {i + 1}", "probability")]
+        if rows:
+            tables.append(ReportTable(("Conformity", "limit", *heads), tuple(rows), caption))
+            caption = ""
+    return tables
 
 
-def _figure_table(analysis: Analysis, verdict: Verdict, keys: Sequence[str], chosen: range) -> ReportTable:
+def _figure_table(analysis: Analysis, keys: Sequence[str], chosen: range) -> ReportTable:
     sensors = [analysis.sensors[i] for i in chosen]
-    limits = {one.tolerance.key: f"{one.tolerance.symbol} {one.tolerance.limit:g}" for one in verdict.limits}
     paper, rows = _is_published(analysis), []
     for key in keys:
         definition, parts = SENSOR_FIGURES[key], [s.figures.get(key) for s in sensors]
         if not any(parts):
             continue
-        shown = [text for p in parts for text in cells(p)]
+        shown = [text for p in parts for text in cells(p, definition.decimals)]
         known = [getattr(sensor, key, None) for sensor in published.SENSORS] if paper else []
-        published_value = " / ".join(f"{value:g}" for value in known if value)
-        rows.append((definition.label_with_unit, *shown, published_value, limits.get(key, "")))
+        rows.append((definition.label_with_unit, *shown, " / ".join(f"{value:g}" for value in known if value)))
     heads = [text for i in chosen for text in (f"Sensor {i + 1}", "95 % interval")]
-    header = ("Figure", *heads, "Published", "Limit")
-    keep = [i for i in range(len(header)) if i < len(header) - 2 or any(row[i] for row in rows)]
-    return ReportTable(tuple(header[i] for i in keep), tuple(tuple(row[i] for i in keep) for row in rows))
+    columns = len(heads) + 1 + any(row[-1] for row in rows)
+    return ReportTable(("Figure", *heads, "Published")[:columns], tuple(row[:columns] for row in rows))
 
 
 def _is_published(analysis: Analysis) -> bool:
@@ -147,13 +158,12 @@ def _unit_table(analysis: Analysis) -> list[ReportTable]:
 
 
 def _lost(analysis: Analysis) -> list[str]:
-    """State which share of each sensor's windows was lost or left out, and by which reason."""
+    """State which share of a sensor's windows was lost or left out, and by which reason; nothing where none was."""
     parts = []
     for i, sensor in enumerate(analysis.sensors, 1):
         window = sensor.figures["system_hysteresis_percent_fso"].window
-        if window is not None and window.samples:
-            share = f"{percent(window.share, 2)} ({window.reasons()})" if window.damaged else "none"
-            parts.append(f"sensor {i} {share} of {window.samples}")
+        if window is not None and window.damaged:
+            parts.append(f"sensor {i} {percent(window.share, 2)} ({window.reasons()}) of {window.samples}")
     return [f"Samples lost or left out: {', '.join(parts)}."] if parts else []
 
 
@@ -186,6 +196,7 @@ def influence_quantities(analysis: Analysis) -> list[Section]:
 def coefficients(analysis: Analysis) -> Section:
     """Return the section with the coefficients and the quality of each fit."""
     parts: list[SectionPart] = []
+    sampled = any(sensor.posterior for sensor in analysis.sensors)
     for i, sensor in enumerate(analysis.sensors):
         c, p = sensor.calibration, sensor.posterior
         if c is None:
@@ -193,16 +204,16 @@ def coefficients(analysis: Analysis) -> Section:
             continue
         rows = []
         for k, (b, u) in enumerate(zip(c.coefficients, c.std_errors_with_reading, strict=True)):
-            sampled = with_uncertainty(float(p.mean[k]), float(p.sd[k])) if p else NOTHING
+            posterior = with_uncertainty(float(p.mean[k]), float(p.sd[k])) if p else NOTHING
             unit = f"mV/mm{power(k)}" if k else "mV"
-            rows.append((f"b{k}", with_uncertainty(float(b), float(u)), sampled, unit))
+            rows.append((f"b{k}", with_uncertainty(float(b), float(u)), *([posterior] if sampled else []), unit))
         if c.spline is not None:
             parts.append(
                 f"Sensor {i + 1}: a monotone cubic spline of {len(c.spline.knots)} knots. {_quality(analysis, i)}"
             )
             continue
-        header = ("", "least squares ± u", "posterior ± sd", "unit")
-        caption = f"Sensor {i + 1}: y = b0 + b1 x + ..., x in mm. {_quality(analysis, i)}"
+        header = (f"Sensor {i + 1}", "least squares ± u", *(["posterior ± sd"] if sampled else []), "unit")
+        caption = f"y = b0 + b1 x + ..., x in mm. {_quality(analysis, i)}"
         parts.append(ReportTable(header, tuple(rows), caption))
     return Section("Coefficients", tuple(parts))
 
@@ -221,11 +232,12 @@ def _quality(analysis: Analysis, sensor: int) -> str:
     text += f" Curve {lack.note or lack.void}."
     if c.adequacy is not None:
         tried = c.adequacy.candidates
-        predicted = ", ".join(f"{curve.prediction_rms:.2g} ({curve_name(curve.name)})" for curve in tried)
+        errors = [(rounded(curve.prediction_rms, curve.prediction_rms), curve_name(curve.name)) for curve in tried]
+        predicted = ", ".join(f"{error} ({name})" for error, name in errors)
         text += f" Cross-validated rms error, mV: {predicted}."
     text += f" Degree by AICc: {checks['preferred_degree'] or 'too few points'}."
     if p is not None:
-        text += f" Posterior: {p.n_eff:.0f} effective samples, tau {p.tau:.0f}, "
+        text += f" Posterior: {p.n_eff:.0f} effective samples, autocorrelation time {p.tau:.0f}, "
         text += "converged." if p.converged else "NOT CONVERGED."
     return text
 
@@ -238,8 +250,7 @@ def hysteresis(analysis: Analysis, verdict: Verdict) -> Section:
     draws = [partial(drawings.loop_difference, analysis, limit)]
     if x is not None and np.isfinite(x).any():
         draws.append(partial(drawings.actuator_loop, analysis))
-    caption = "Loading minus unloading of the mean loop over pressure" + (", with the limit." if limit else ".")
-    return Section("Hysteresis", (ReportDrawing(tuple(draws), caption, 2.7),))
+    return Section("Hysteresis", (ReportDrawing(tuple(draws), height=2.6),))
 
 
 def over_cycles(analysis: Analysis) -> Section:
@@ -249,23 +260,22 @@ def over_cycles(analysis: Analysis) -> Section:
     drift = partial(each, "displacement_percent_fso", "displacement, % FSO", "Common drift")
     snr = partial(each, "snr_db", "SNR, dB", "Signal-to-noise ratio per cycle")
     span = partial(each, "span_mv", "span, mV", "Output span per cycle")
-    displacement = "One point a cycle. Displacement: mean of all levels, relative to the second half of the run."
-    parts: list[SectionPart] = [
-        ReportDrawing((width, drift), displacement, 2.3),
-        ReportDrawing((snr, span), "One point a cycle.", 2.3),
-    ]
+    displacement = "Displacement: mean of all levels, relative to the second half of the run."
+    parts: list[SectionPart] = [ReportDrawing((width, drift), displacement, 2.3)]
+    many = analysis.loops.n_cycles >= LEAST_SPREAD
+    parts += [ReportDrawing((snr, span), height=2.3)] if many else []
     for i, sensor in enumerate(analysis.sensors):
-        if sensor.figures["fso_mv"].value > 0 and analysis.loops.n_cycles >= LEAST_SPREAD:
+        if sensor.figures["fso_mv"].value > 0 and many:
             of_levels = tuple(partial(draw, analysis, i) for draw in (drawings.drift_of_levels, drawings.distribution))
-            parts.append(ReportDrawing(of_levels, f"Sensor {i + 1}.", 2.8))
+            parts.append(ReportDrawing(of_levels, height=2.7))
     parts += [text for i, s in enumerate(analysis.sensors, 1) if (text := single_cycles(i, s))]
-    for i, sensor in enumerate(analysis.sensors, 1):
-        warm = sensor.by_cycle.warm_up
-        if warm:
-            numbers = analysis.loops.numbers[:warm]
-            listed = ", ".join(map(str, numbers)) if warm <= 3 else f"{numbers[0]} to {numbers[-1]}"
-            which = f"cycle{'s' if warm > 1 else ''} {listed}"
-            parts.append(f"Sensor {i}: warm-up in {which}, beyond three robust standard deviations of the second half.")
+    warm_ups = {sensor.by_cycle.warm_up for sensor in analysis.sensors} - {0}
+    for warm in sorted(warm_ups):
+        of = " and ".join(str(i) for i, s in enumerate(analysis.sensors, 1) if s.by_cycle.warm_up == warm)
+        numbers = analysis.loops.numbers[:warm]
+        listed = ", ".join(map(str, numbers)) if warm <= 3 else f"{numbers[0]} to {numbers[-1]}"
+        which = f"Sensor {of}: warm-up in cycle{'s' if warm > 1 else ''} {listed}"
+        parts.append(f"{which}, beyond three robust standard deviations of the second half.")
     return Section("Cycle by cycle", tuple(parts))
 
 
@@ -293,9 +303,8 @@ def budget(found: ElongationBudgets | None, of: str = "", analysis: Analysis | N
     if analysis is not None and any(u.size for u in analysis.u_elongation):
         over_x = partial(drawings.uncertainty_over_x, analysis.u_elongation)
         why = (f" Sensor {i}: {reason}." for i, reason in enumerate(analysis.u_reason, 1) if reason)
-        caption = "U of one reading of elongation by each sensor, over the range."
-        parts.append(ReportDrawing((over_x,), caption + "".join(why), 2.1))
-    parts.append(f"Not given: {found.void}." if found.void else _budget_table(found.budgets))
+        parts.append(ReportDrawing((over_x,), f"U of one reading by each sensor.{''.join(why)}", 2.1))
+    parts.append(f"Not given: {found.void}." if found.void else _budget_table(found))
     return [Section(title, tuple(parts))]
 
 
@@ -303,31 +312,49 @@ def _dof(dof: float) -> str:
     return NOTHING if np.isnan(dof) else f"{dof:.0f}" if dof < 10_000 else "above 10,000"
 
 
-def _budget_table(budgets: Sequence[Budget]) -> ReportTable:
-    """The sensors' budgets side by side; a component's source once where it is the same."""
+def _budget_table(found: ElongationBudgets) -> ReportTable:
+    """The sensors' budgets side by side; what was assessed for none of them is named below."""
+    budgets, rows, missing = found.budgets, [], dict[str, list[str]]()
     shares = [b.shares() for b in budgets]
-    rows = []
+    traced = list(dict.fromkeys(b.traceability for b in budgets if b.traceability is not None))
+    named = set() if all(one.traceable for one in traced) else set(EXPECTED.values())  # by the sentence on that
     for parts in zip(*(b.components for b in budgets), strict=True):
+        name, source = parts[0].name, _sources([c.source for c in parts])
+        if not any(c.assessed for c in parts):
+            if name not in named:
+                missing.setdefault(source.removeprefix("not assessed: "), []).append(name)
+            continue
         both = [
-            (f"{1000 * c.contribution:.1f}", percent(own[c.name], 1)) if c.assessed else ("not assessed", NOTHING)
+            (f"{1000 * c.contribution:.1f}", percent(own[name], 1)) if c.assessed else (NOTHING, NOTHING)
             for c, own in zip(parts, shares, strict=True)
         ]
-        rows.append((parts[0].name, *sum(both, ()), " / ".join(dict.fromkeys(c.source for c in parts))))
+        rows.append((name, *sum(both, ()), source))
     dof = " / ".join(dict.fromkeys(_dof(b.dof) for b in budgets))
     covers = " / ".join(dict.fromkeys(NOTHING if b.void else percent(b.coverage) for b in budgets))
-    combined = (t for b in budgets for t in (("not known", NOTHING) if b.void else (f"{1000 * b.u:.1f}", "100 %")))
+    combined = (t for b in budgets for t in ((NOTHING, NOTHING) if b.void else (f"{1000 * b.u:.1f}", "100 %")))
     expanded = (
         t
         for b in budgets
-        for t in ("not known" if b.void else f"{1000 * b.expanded:.0f}{', stand-in' if b.stand_in else ''}", "")
+        for t in (NOTHING if b.void else f"{1000 * b.expanded:.0f}{', stand-in' if b.stand_in else ''}", "")
     )
-    rows.append(("combined", *combined, f"effective degrees of freedom {dof}"))
-    traced = " / ".join(dict.fromkeys(b.traceability.text for b in budgets if b.traceability is not None))
-    rows.append(("expanded, k = 2", *expanded, "; ".join(part for part in (f"covers about {covers}", traced) if part)))
+    known = not all(b.void for b in budgets)
+    rows.append(("combined", *combined, f"effective degrees of freedom {dof}" if known else ""))
+    rows.append(("expanded, k = 2", *expanded, f"covers about {covers}" if known else ""))
     heads = (t for i in range(1, len(budgets) + 1) for t in (f"sensor {i}, µm", "share"))
     halves = (f"U is not known: {b.void}" if b.void else b.what_halves_it() for b in budgets)
-    caption = " ".join(f"Sensor {i}: {text}." for i, text in enumerate(halves, 1))
-    return ReportTable(("Component", *heads, "source"), tuple(rows), caption)
+    lines = [f"At x = {found.x_mm:+.2f} mm, the middle of the range"]
+    lines += [f"Not assessed: {', '.join(names)} ({why})" for why, names in missing.items()]
+    lines += [f"An elongation is {one.text}" for one in traced]
+    lines += [f"Sensor {i}: {text}" for i, text in enumerate(halves, 1)]
+    return ReportTable(("Component", *heads, "source"), tuple(rows), ". ".join(lines) + ".")
+
+
+def _sources(texts: Sequence[str]) -> str:
+    """Join the sources of a component, one a sensor; what they begin with is named once."""
+    heads, tails = zip(*(text.partition(", ")[::2] for text in dict.fromkeys(texts)), strict=True)
+    if len(tails) > 1 and len(set(heads)) == 1 and all(tails):
+        return f"{heads[0]}, {' / '.join(tails)}"
+    return " / ".join(dict.fromkeys(texts))
 
 
 def readings(analysis: Analysis) -> Section:
@@ -362,7 +389,7 @@ def _grid(analysis: Analysis) -> str:
 
 
 def _two_places(value: float) -> str:
-    return f"{value:+.2f}" if np.isfinite(value) else NOTHING
+    return f"{round(value, 2) + 0.0:+.2f}" if np.isfinite(value) else NOTHING  # no -0.00
 
 
 def run(analysis: Analysis) -> Section:
@@ -380,8 +407,9 @@ def run(analysis: Analysis) -> Section:
         ("Recorded with", str(analysis.recording.meta.get("program_version") or "–")),
         ("Recording", str(analysis.recording.meta.get("uuid") or analysis.recording.source)),
     )
-    warnings = tuple((w.code.replace("_", " "), w.sentence) for w in analysis.warnings)
-    parts: list[SectionPart] = [ReportDrawing((partial(drawings.trace, analysis),), "Measured pressure.", 1.9)]
+    # SIMULATED is across the head of every page
+    warnings = tuple((w.code.replace("_", " "), w.sentence) for w in analysis.warnings if w.code != "simulated")
+    parts: list[SectionPart] = [ReportDrawing((partial(drawings.trace, analysis),), height=1.9)]
     parts.append(ReportTable(("Warning", "Text"), warnings, numeric=False) if warnings else "No warnings.")
     parts.append(ReportTable(("Setting", "Value"), settings, numeric=False))
     return Section("The run, warnings and settings", tuple(parts))
@@ -430,7 +458,7 @@ def _parts(analysis: Analysis) -> ReportTable:
     rows = tuple(
         (
             f"{sensor.name} {SENSOR_FIGURES[key].label_with_unit}",
-            *(cell(p.sensors[i].figures[key]) for p in analysis.parts),
+            *(cell(p.sensors[i].figures[key], SENSOR_FIGURES[key].decimals) for p in analysis.parts),
         )
         for i, sensor in enumerate(analysis.sensors)
         for key in _OF_A_PART

@@ -28,17 +28,14 @@ def shadow_section(compared: AgainstShadow) -> Section:
     result = compared.result
     if result is None:
         return Section(_TITLE, (f"Not compared: {compared.void}.",))
-    band = "Measured minus nominal elongation; the band is that of the modulus, k = 2."
-    residual = "the rms of measured pressure minus the pressure that the measured elongation corresponds to"
-    drift = f"Drift of the deviation: {result.trend}."
-    per_cycle = (partial(_levels, compared), partial(_residuals, compared))
+    draws = [partial(_deviation, result), *([partial(_levels, compared)] if len(compared.numbers) > 1 else [])]
+    caption = f"The band is that of the modulus, k = 2. Drift of the deviation: {result.trend}."
     alarms = tuple((str(alarm.cycle), alarm.sentence) for alarm in result.alarms)
     none = "No alarm: neither leak, softening, stiffening, drift nor disagreement of the sensors was found."
     parts: list[SectionPart] = [
         _summary(result),
         ReportTable(("Alarm in cycle", "Text"), alarms, numeric=False) if alarms else none,
-        ReportDrawing((partial(_deviation, result),), band, 2.0),
-        ReportDrawing(per_cycle, f"Each cycle: mean deviation, and {residual}. {drift}", 2.1),
+        ReportDrawing(tuple(draws), caption, 2.2),
     ]
     parts += [f"Left out of the alarms: {'; '.join(result.left_out)}."] if result.left_out else []
     return Section(_TITLE, tuple(parts))
@@ -46,7 +43,8 @@ def shadow_section(compared: AgainstShadow) -> Section:
 
 def _summary(result: Replay) -> str:
     found = result.summary()
-    mean, rms, worst = (rounded(float(found[f"deviation_{name}_mm"]), 0.05) for name in ("mean", "rms", "worst"))
+    mean, rms = (rounded(float(found[f"deviation_{name}_mm"]), 0.05) for name in ("mean", "rms"))
+    worst = rounded(abs(float(found["deviation_worst_mm"])), 0.05)
     return (
         f"The measured elongation deviates from the nominal one by {mean} mm on average ({rms} mm rms, at most {worst} "
         f"mm, {found['compared']} samples); the nominal one is uncertain by ± "
@@ -65,7 +63,7 @@ def _deviation(result: Replay, ax: Axes) -> None:
     ax.axhline(0.0, color=style.SOFT, linewidth=0.7)
     for alarm in result.alarms:
         ax.axvline(float(result.cycle_start_s[alarm.cycle - 1]), color=style.WARNING, lw=0.9)
-    ax.set(xlabel="time, s", ylabel="deviation, mm", title="Measured minus nominal elongation")
+    ax.set(xlabel="time, s", ylabel="deviation, mm", title="Measured less nominal elongation")
     ax.margins(x=0)
     ax.legend(ncols=2, loc="upper right")
 
@@ -77,9 +75,3 @@ def _levels(compared: AgainstShadow, ax: Axes) -> None:
     ax.plot(numbers, compared.level_mm, "o-", color=style.SENSOR_COLOURS[0], markersize=2.5, lw=0.8)
     ax.axhline(0.0, color=style.SOFT, linewidth=0.7)
     over_cycles(ax, "mean deviation, mm", "Deviation per cycle")
-
-
-def _residuals(compared: AgainstShadow, ax: Axes) -> None:
-    ax.plot(compared.numbers, compared.residual_kpa, "o-", color=style.PRESSURE_COLOUR, markersize=2.5, lw=0.8)
-    ax.set_ylim(0.0, 1.15 * float(np.nanmax(np.append(compared.residual_kpa, 1e-3))))
-    over_cycles(ax, "residual rms, kPa", "Pressure residual per cycle")

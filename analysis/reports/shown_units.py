@@ -73,7 +73,7 @@ def _table(table: ReportTable, units: ShownUnits) -> ReportTable:
     header, by_column = zip(*(_stated(title, units) for title in table.header), strict=True)
     unit_at = table.header.index("unit") if "unit" in table.header else None
     rows = tuple(_row(row, by_column, unit_at, units) for row in table.rows)
-    return ReportTable(header, rows, _text(table.caption, units), table.numeric)
+    return replace(table, header=header, rows=rows, caption=_text(table.caption, units))
 
 
 def _row(

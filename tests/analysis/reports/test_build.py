@@ -10,8 +10,9 @@ import pytest
 from analysis import Analysis, BoatDaqError, Options, analyse
 from analysis.calibration_export.verdict import verdict_of
 from analysis.figures.acceptance import conformity_json, judge
+from analysis.figures.figure import Figure
 from analysis.reports.build import build_report, write_report
-from analysis.reports.document import ReportTable, Section
+from analysis.reports.document import ReportTable, Section, cells
 from analysis.reports.unit_report import WRITERS
 from tests.analysis.boat_builder import PAPER, Plant, Staircase, triangle
 
@@ -34,6 +35,18 @@ def test_figures_of_the_report_are_those_of_the_analysis(calibration: Analysis) 
     table = next(part for part in report.sections[0].parts if isinstance(part, ReportTable))
     row = next(row for row in table.rows if row[0].startswith("Sensitivity, end points"))
     assert float(row[1]) == pytest.approx(calibration.sensors[0].figures["sensitivity_mv_per_mm"].value, abs=0.05)
+    assert dict(report.facts)["Cycles"] == "2 complete"
+    tables = {part.header[0]: part for s in report.sections for part in s.parts if isinstance(part, ReportTable)}
+    assert not {row[3] for row in tables["no."].rows} & {"-0.00", "+-0.00"}
+    assert calibration.budgets is not None
+    assert f"At x = {calibration.budgets.x_mm:+.2f} mm" in tables["Component"].caption
+    assert not any("not assessed" in cell for row in tables["Component"].rows for cell in row)
+
+
+def test_a_figure_without_an_interval_has_its_own_decimals() -> None:
+    """One cycle gives no interval of a loop; five decimals would claim one."""
+    assert cells(Figure(5.00755, "% FSO", 1), 2) == ("5.01", "")
+    assert cells(Figure(5.00755, "% FSO", 3, 4.9, 5.1), 2) == ("5.008", "4.900 … 5.100")
 
 
 def test_warm_up_cycles_are_found_and_named(repeatability: Analysis) -> None:
@@ -68,6 +81,8 @@ def test_runs_of_one_unit_are_compared(calibration: Analysis) -> None:
     titles = [section.title for section in report.sections]
     assert any(title.startswith("Within-run and between-run spread") for title in titles)
     assert any(title.startswith("History of SA1") for title in titles)
+    rows = [row[0] for s in report.sections for t in s.parts if isinstance(t, ReportTable) for row in t.rows]
+    assert rows and not any(row.startswith("Sensitivity") for row in rows)  # a column of the runs, in no second table
     assert "name no unit" not in report.verdict
     nameless = [
         replace(a, recording=replace(a.recording, meta={**a.recording.meta, "unit": None}))
@@ -136,11 +151,12 @@ def test_report_without_limits_states_the_published_ones(calibration: Analysis, 
         part
         for section in report.sections
         for part in section.parts
-        if isinstance(part, ReportTable) and part.header[0] == "Limit"
+        if isinstance(part, ReportTable) and part.header[0] == "Conformity"
     )
+    assert table in report.sections[0].parts  # beside the verdict
     assert table.caption.startswith("Published limits; none were set.")
-    shown = [(row[1], row[-1]) for row in table.rows]
-    assert shown == [(one.sensor, one.conformity.label) for one in verdict.limits]
+    assert table.header == ("Conformity", "limit", "Sensor 1", "probability")
+    assert [row[2] for row in table.rows] == [one.conformity.label for one in verdict.limits]
     stated = [one["conformity"] for one in conformity_json(calibration, {}) if one["figure"] != "r2"]
     assert stated == [str(one.conformity) for one in verdict.limits]
     assert verdict.headline in report.verdict

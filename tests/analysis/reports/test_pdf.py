@@ -108,7 +108,7 @@ def test_any_text_stays_on_its_pages(tmp_path: Path) -> None:
 
 
 def test_pages_are_images() -> None:
-    """The window shows each page as a picture."""
-    pages = render_pages(of_tables(ReportTable(("no.",), tuple((str(k),) for k in range(90)))), 40.0)
+    """The window shows each page as a picture; a table longer than a page leaves no heading alone on one."""
+    pages = render_pages(of_tables(ReportTable(("no.",), tuple((str(k),) for k in range(90)), "A caption.")), 40.0)
     assert len(pages) == 2
     assert all(page.startswith(b"\x89PNG") for page in pages)

@@ -27,6 +27,7 @@ def test_numbers_are_converted_by_row_column_and_text() -> None:
         ("no.", "kPa", "s1, mV", "share", "n"),
         (("SA1", "+49.98", "1769.789 ± 0.088", "5 %", "275"),),
         "Range 1.5 to -0.75 mm at +50 kPa, 3 cycles of 44.2 dB.",
+        halved=True,
     )
     coefficients = ReportTable(("", "value", "unit"), (("b2", "-2.742 ± 0.030", "mV/mm²"), ("R2", "0.99996", "")))
     shown = in_units(report_of(figures, table, coefficients, "-40 to +50 kPa", verdict="from -2.70 to +3.80 mm"), SHOWN)
@@ -34,6 +35,7 @@ def test_numbers_are_converted_by_row_column_and_text() -> None:
     assert isinstance(named, ReportTable) and isinstance(first, ReportTable) and isinstance(second, ReportTable)
     assert named.rows == (("Noise, rms, V", "0.00150 [0.00140 … 0.00161]", "12 %"),)
     assert first.header == ("no.", "bar", "s1, V", "share", "n")
+    assert first.halved
     assert first.rows[0] == ("SA1", "+0.4998", "1.769789 ± 0.000088", "5 %", "275")
     assert first.caption == "Range 2.0 to -1.00 % at +0.50 bar, 3 cycles of 44.2 dB."
     assert second.rows == (("b2", "-0.001542 ± 0.000017", "V/%²"), ("R2", "0.99996", ""))

@@ -101,7 +101,6 @@ def demo(
 
     from analysis import Options, analyse
     from analysis.figures.stored_results import store_analysis
-    from boat_daq.commands.demo import comparison, show_comparison, truth_json, truth_of
     from boat_daq.engine.plan import load_plan
 
     plan = dataclasses.replace(load_plan("calibration"), cycles=cycles)

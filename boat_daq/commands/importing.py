@@ -59,14 +59,7 @@ def importing(
         raise typer.BadParameter("give one file, or two of one run", param_hint="FILE")
     columns = column_map(mapping)
     if preview:
-        from analysis.data.csv_import import preview as seen_in
-
-        seen = [seen_in(file, columns, skip=skip or 0) for file in files]
-        if as_json:
-            emit_json(seen[0] if len(seen) == 1 else {"files": seen})
-        else:
-            for content in seen:
-                _show(content)
+        _preview(files, columns, skip or 0, as_json=as_json)
         return
     if to is None:
         raise typer.BadParameter("give --out FILE.boat, or --preview")
@@ -87,6 +80,18 @@ def importing(
     else:
         sensors = f"{recording.n_sensors} sensor{'s' * (recording.n_sensors > 1)}"
         notify(f"wrote {to}: {recording.n} samples, {sensors}, {recording.duration_s:.1f} s")
+
+
+def _preview(files: list[Path], columns: dict[str, str], skip: int, *, as_json: bool) -> None:
+    """Print the columns that were found in each file."""
+    from analysis.data.csv_import import preview
+
+    seen = [preview(file, columns, skip=skip) for file in files]
+    if as_json:
+        emit_json(seen[0] if len(seen) == 1 else {"files": seen})
+        return
+    for content in seen:
+        _show(content)
 
 
 def column_map(mapping: list[str] | None) -> dict[str, str]:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from boat_daq.engine.plan import Plan
     from boat_daq.engine.recording.resumption import BrokenRun
     from boat_daq.engine.recording.summary import Summary
+    from boat_daq.engine.session.camera_channel import CameraChannel
     from boat_daq.engine.session.session import Session
     from boat_daq.workflows.run_session import SessionRequest
     from protocol.recording.elongation_file import ElongationRow
@@ -102,13 +103,7 @@ def record(
     enter = None
     if elongation is not None and readings is not None:
         enter = _entry(elongation, readings, request, growing=uncertainty is not None)
-    open_camera = None
-    if camera is not None:
-        from boat_daq.workflows.camera_tracking import camera_choice, open_channel
-
-        choice = camera_choice(camera, request.unit)
-        choice.tracker()  # refuses what cannot be before the board is opened
-        open_camera = partial(open_channel, choice=choice)
+    open_camera = None if camera is None else _camera_opener(camera, request.unit)
     summary, failure, at_end = run_session(request, enter, open_camera, notify=notify, progress_bar=progress_bar)
     if as_json:
         ended = {"failed": bool(failure), "failure": failure}
@@ -120,6 +115,15 @@ def record(
 
 END_OPTIONS = {"staircase": "--uncertainty", "continuous": "--repeatability"}
 """Options of the value that ends a run, by the kind of plan that has it."""
+
+
+def _camera_opener(camera: str, unit: str) -> Callable[[Session], CameraChannel]:
+    """Return what opens the camera; one that cannot be is refused now, before the board is opened."""
+    from boat_daq.workflows.camera_tracking import camera_choice, open_channel
+
+    choice = camera_choice(camera, unit)
+    choice.tracker()
+    return partial(open_channel, choice=choice)
 
 
 def _check_asked(given: Mapping[str, float | None]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from boat_daq.engine.settings import home
 from boat_daq.engine.stored_file import read_stored, write_stored
@@ -24,11 +23,11 @@ def as_lines(channels: Sequence[DerivedChannel]) -> str:
     return "".join(f"{c.name}{f' [{c.unit}]' if c.unit else ''} = {c.expression}\n" for c in channels)
 
 
-def load_derived(folder: Path | None = None) -> tuple[DerivedChannel, ...]:
+def load_derived() -> tuple[DerivedChannel, ...]:
     """Return the stored definitions."""
-    return parse_lines(read_stored((folder or home()) / _FILE) or "")
+    return parse_lines(read_stored(home() / _FILE) or "")
 
 
-def save_derived(channels: Sequence[DerivedChannel], folder: Path | None = None) -> None:
+def save_derived(channels: Sequence[DerivedChannel]) -> None:
     """Store definitions. StorageError: the folder cannot be written."""
-    write_stored((folder or home()) / _FILE, _HEAD + as_lines(channels))
+    write_stored(home() / _FILE, _HEAD + as_lines(channels))

@@ -49,12 +49,9 @@ class CertificateOrder:
     laboratory: Path | None = None  # TOML file; None for the stored one
 
 
-def load_laboratory(path: Path | None = None, folder: Path | None = None) -> Laboratory | None:
-    """Return the laboratory of a file, or the stored one; None where none was stored.
-
-    `folder`: folder of the settings; None for the user's.
-    """
-    stored = (folder or home()) / LABORATORY_FILE
+def load_laboratory(path: Path | None = None) -> Laboratory | None:
+    """Return the laboratory of a file, or the stored one; None where none was stored."""
+    stored = home() / LABORATORY_FILE
     if path is None and not stored.exists():
         return None
     where = path or stored
@@ -64,10 +61,10 @@ def load_laboratory(path: Path | None = None, folder: Path | None = None) -> Lab
     return found
 
 
-def store_laboratory(laboratory: Laboratory, folder: Path | None = None) -> None:
+def store_laboratory(laboratory: Laboratory) -> None:
     """Store the laboratory for every certificate."""
     stated = {key: value for key, value in dataclasses.asdict(laboratory).items() if value}
-    write_stored((folder or home()) / LABORATORY_FILE, tomli_w.dumps(stated))
+    write_stored(home() / LABORATORY_FILE, tomli_w.dumps(stated))
 
 
 def certificate_for(order: CertificateOrder, progress: Progress | None = None) -> Certificate:

@@ -69,9 +69,9 @@ def _profile_in(text: str) -> TextProfile:
     return load_profile(text + "\n")  # never a path: a recording is not trusted
 
 
-def listen(url: str, seconds: float, settings: Settings | None = None) -> tuple[bytes, float]:
+def listen(url: str, seconds: float) -> tuple[bytes, float]:
     """Return what a device sends in some time, and the seconds in which it came; nothing is sent."""
-    settings = settings or Settings()
+    settings = Settings()
     data, times = bytearray(), []
     end_s = time.monotonic() + seconds
     with closing(open_transport(url, baud=settings.baud, allow_remote=settings.allow_remote)) as transport:
@@ -103,11 +103,11 @@ class PortIdentity:
     queried: bool = True
 
 
-def identify_port(url: str, description: str = "", *, timeout_s: float = _ANSWER_S) -> PortIdentity:
+def identify_port(url: str, description: str = "") -> PortIdentity:
     """Open a port, identify the board there, and close it. Never raises for what the port does."""
     try:
         with closing(open_transport(url)) as transport:
-            return _identify(transport, url, description, timeout_s)
+            return _identify(transport, url, description)
     except DeviceError as error:
         return PortIdentity(url, description, None, error.cause)
 
@@ -141,10 +141,10 @@ def identify_known(
     return answers
 
 
-def _identify(transport: Transport, url: str, description: str, timeout_s: float) -> PortIdentity:
+def _identify(transport: Transport, url: str, description: str) -> PortIdentity:
     """Send IDENTIFY until a HELLO comes or the time is over. A board that boots as its port opens sends it first."""
     link = Connection()
-    end_s = time.monotonic() + timeout_s
+    end_s = time.monotonic() + _ANSWER_S
     received = 0
     transport.write(link.send(Identify(), time.monotonic_ns()))
     while time.monotonic() < end_s:

@@ -193,8 +193,8 @@ def _break(entry: dict[str, Any]) -> BreakSummary:
     return BreakSummary(**{key: entry.get(key) for key in BreakSummary.__dataclass_fields__})  # type: ignore[arg-type]
 
 
-def _one(db: sqlite3.Connection, sql: str, values: tuple[Any, ...] = ()) -> Any:
-    return db.execute(sql, values).fetchone()
+def _one(db: sqlite3.Connection, sql: str) -> Any:
+    return db.execute(sql).fetchone()
 
 
 def _counted(db: sqlite3.Connection, counter: str) -> int:

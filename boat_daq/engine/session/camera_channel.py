@@ -59,11 +59,10 @@ class CameraChannel:
         about: Callable[[], Mapping[str, Any]],
         *,
         video: Path | None = None,
-        enter: bool = True,
     ) -> None:
         if not source.live:
             raise RequestError(f"{source.name} is a file", "analyse the recording with it, or name a camera")
-        self._session, self._about, self._enter = session, about, enter
+        self._session, self._about = session, about
         self._frames: deque[tuple[int, float, float, str]] = deque(maxlen=FRAMES_KEPT)  # host_ns, mm, u_mm, fault
         self._arrivals: deque[tuple[int, int]] = deque(maxlen=FRAMES_KEPT)  # host_ns, board us
         self._done: set[int] = set()
@@ -125,8 +124,7 @@ class CameraChannel:
         if self._video is not None:
             self._video.write(picture)
         self._watch(reading)
-        if self._enter:
-            self._follow_plateaus()
+        self._follow_plateaus()
 
     def _watch(self, reading: CameraReading) -> None:
         """Warn once of each fault that lasts."""

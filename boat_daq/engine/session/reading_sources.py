@@ -107,11 +107,11 @@ def _plateau_of(row: FileReading, plateaus: list[StepMark], near: float) -> Step
     return next((plateaus[i] for i in candidates if abs(plateaus[i].target_kpa - row.pressure_kpa) <= near), None)
 
 
-def enter_readings(session: Session, readings: Sequence[FileReading], *, source: str = "csv") -> int:
+def enter_readings(session: Session, readings: Sequence[FileReading]) -> int:
     """Enter a file's readings for the plateaus reached; return how many."""
     matched = match_readings(readings, [step for step in session.steps() if step.status == "reached"])
     for step_id, elongation_mm in matched.items():
-        _add_once(session, step_id, elongation_mm, source)
+        _add_once(session, step_id, elongation_mm, "csv")
     return len(matched)
 
 

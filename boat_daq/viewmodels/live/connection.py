@@ -151,14 +151,12 @@ def _board_text(answer: PortIdentity) -> str:
 class VirtualBoardProcess:
     """A virtual board in its own process, started in the background; `url` is its port once it is ready."""
 
-    def __init__(self, unit: str, speed: float, seed: int) -> None:
+    def __init__(self, unit: str, speed: float) -> None:
         self._folder = TemporaryDirectory(prefix="boat-daq-")
         self._truth = Path(self._folder.name) / "truth.csv"
         port = "pty" if os.name == "posix" else "127.0.0.1:0"
         camera = 0 if find_spec("cv2") is not None else None
-        self._settings = BoardSettings(
-            port=port, speed=speed, unit=unit, seed=seed, truth=str(self._truth), mjpeg=camera
-        )
+        self._settings = BoardSettings(port=port, speed=speed, unit=unit, truth=str(self._truth), mjpeg=camera)
         self._served: ServedBoard | None = None
         self.unit = unit
         self.error: Exception | None = None
@@ -271,10 +269,10 @@ class ConnectionModel:
         self.session.disconnect()
         self._end_board()
 
-    def start_virtual_board(self, unit: str = "SA1", speed: float = 1.0, seed: int = 0) -> None:
+    def start_virtual_board(self, unit: str = "SA1", speed: float = 1.0) -> None:
         """Start a virtual board; `tick` connects to it once its port is known."""
         self._end_board()
-        self.board = VirtualBoardProcess(unit, speed, seed)
+        self.board = VirtualBoardProcess(unit, speed)
         self.starting = True
 
     @property

@@ -52,7 +52,7 @@ def test_focus_is_seen_on_every_kind_of_control(window, theme):
     window.set_theme(theme)
     live, navigation = window.live, window.navigation.buttons
     controls = {
-        "primary": live.sequence.buttons["arm"], "plain": live.arrange, "VENT": window.header.vent,
+        "primary": live.sequence.buttons["arm"], "plain": live.freeze, "VENT": window.header.vent,
         "link": window.strip.messages, "page": navigation["Results"], "page shown": navigation["Measure"],
         "box": live.plan.ask_readings, "choice": live.window_choice, "tab": live.pane.tabBar(),
     }  # fmt: skip

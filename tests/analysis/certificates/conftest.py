@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
-import xmlschema
 
 from analysis import Analysis, Options, analyse
 from analysis.calibration.type_b import contributions
 from analysis.certificates.certificate import Request
 from analysis.certificates.laboratory import Laboratory
 from tests.analysis.boat_builder import PAPER, Plant, Staircase
+
+if TYPE_CHECKING:
+    from xmlschema import XMLSchema
 
 MARKUP = '<b>&"\u05e9\u05dc\u05d5\u05dd\u202e\x00\ud800]]> #panic()'
 STATED = {
@@ -39,8 +41,10 @@ def calibration(tmp_path_factory: pytest.TempPathFactory) -> Analysis:
 
 
 @pytest.fixture(scope="session")
-def schema() -> xmlschema.XMLSchema:
+def schema() -> XMLSchema:
     """The schema of the Digital Calibration Certificate."""
+    import xmlschema  # here: it takes half a second, which every process that collects the tests would spend
+
     return xmlschema.XMLSchema(str(Path(__file__).parent / "schema" / "dcc_3.2.1.xsd"))
 
 

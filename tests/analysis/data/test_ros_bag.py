@@ -7,6 +7,7 @@ import sqlite3
 import struct
 from contextlib import closing
 from datetime import datetime
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,7 @@ from analysis.data.recording import Recording
 from protocol.base.errors import FileError
 from tests.docs.pages import ROOT
 
-pytest.importorskip("rosbags.rosbag2", reason="rosbags is not installed")
+pytestmark = pytest.mark.skipif(find_spec("rosbags") is None, reason="rosbags is not installed")
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
+from importlib.util import find_spec
 from pathlib import Path
 from threading import Thread
 
@@ -19,8 +20,10 @@ from analysis.optics.scene.parameters import Light
 from analysis.optics.sweep.sweep import SweepRequest, paper_grid, run_sweep
 from protocol.base.errors import RequestError
 
-pytest.importorskip("distributed")
-pytestmark = pytest.mark.nightly  # each process imports Dask and the tracer: half a minute in all
+pytestmark = [
+    pytest.mark.nightly,
+    pytest.mark.skipif(find_spec("distributed") is None, reason="no Dask"),
+]  # each process imports Dask and the tracer: half a minute in all
 
 
 def started(stack: ExitStack, *arguments: str) -> subprocess.Popen[bytes]:

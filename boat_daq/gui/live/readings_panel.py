@@ -158,8 +158,8 @@ class ReadingBar(QFrame):
         if asked == self._fitted:
             return
         self._fitted = asked
-        for short in (self._narrow, True):
-            self._short = short
+        for short, unit_alone in ((self._narrow, self._narrow), (True, self._narrow), (True, True)):
+            self._short = unit_alone
             self.simulated.setText("Simulate" if short else "Simulate reading")
             self.all.setText("All" if short else "At every plateau")
             self._show_unit()

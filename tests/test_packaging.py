@@ -24,6 +24,7 @@ from typer.testing import CliRunner
 import boat_daq
 from boat_daq.cli import app
 from boat_daq.commands import examples
+from boat_daq.engine import installation
 from protocol.base.errors import RequestError
 from protocol.base.optional import EXTRAS
 from protocol.recording import SUFFIX
@@ -183,10 +184,10 @@ def test_examples_of_an_installation_are_found(monkeypatch: pytest.MonkeyPatch, 
     installed.write_bytes(b"")
     file = metadata.PackagePath("share/boat-daq/recordings/a.boat")
     file.dist = metadata.PathDistribution(tmp_path / "boat_daq.dist-info")
-    monkeypatch.setattr(examples, "ROOT", tmp_path)
-    monkeypatch.setattr(examples.metadata, "files", lambda _: [file])
+    monkeypatch.setattr(installation, "ROOT", tmp_path)
+    monkeypatch.setattr(installation.metadata, "files", lambda _: [file])
     assert examples.example_files() == [installed]
-    monkeypatch.setattr(examples.metadata, "files", lambda _: None)
+    monkeypatch.setattr(installation.metadata, "files", lambda _: None)
     with pytest.raises(RequestError, match="not installed"):
         examples.example_files()
 

@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[1]
 POSIX_MODULES = {"fcntl", "grp", "pty", "pwd", "resource", "syslog", "termios", "tty"}
 POSIX_NAMES = {  # attributes of os, signal, socket and select that Windows lacks
     "AF_UNIX", "O_NOCTTY", "O_NONBLOCK", "SIGALRM", "SIGCONT", "SIGHUP", "SIGKILL", "SIGSTOP", "SIGUSR1", "chown",
-    "fork", "geteuid", "getgid", "getloadavg", "getpgid", "getpriority", "getuid", "killpg", "mkfifo", "nice",
+    "fork", "geteuid", "getgid", "getloadavg", "getpgid", "getpriority", "getuid", "kill", "killpg", "mkfifo", "nice",
     "openpty", "poll", "sched_getaffinity", "sched_setaffinity", "setpriority", "setsid", "statvfs", "sysconf",
     "ttyname", "uname",
 }  # fmt: skip
@@ -81,6 +81,9 @@ def without_encoding(tree: ast.Module) -> list[int]:
             bare = "encoding" not in given and len(node.args) <= TEXT_CALLS[name]
         elif name in ("run", "Popen", "check_output"):
             bare = any(k.arg in ("text", "universal_newlines") for k in node.keywords) and "encoding" not in given
+        elif name == "open" and isinstance(node.func, ast.Attribute):  # of a path: its mode is the first
+            mode = str(getattr(node.args[0], "value", "b")) if node.args else "b"
+            bare = "encoding" not in given and bool(re.fullmatch(r"[rwax]\+?t?", mode))
         else:
             bare = name == "open" and isinstance(node.func, ast.Name) and "encoding" not in given and len(node.args) < 3
             bare = bare and not any("b" in str(getattr(a, "value", "")) for a in node.args[1:2])
@@ -112,9 +115,12 @@ def test_what_windows_lacks_is_used_only_where_it_is_guarded() -> None:
 
 
 def test_text_is_never_read_or_written_in_the_encoding_of_the_locale() -> None:
-    assert without_encoding(ast.parse("open('a')\nopen('a', 'rb')\np.read_text()\np.write_text('x', 'utf-8')")) == [
+    assert without_encoding(
+        ast.parse("open('a')\nopen('a', 'rb')\np.read_text()\np.write_text('x', 'utf-8')\np.open('w')")
+    ) == [
         1,
         3,
+        5,
     ]
     pattern = r"\bopen\(|read_text|write_text|subprocess"
     assert {name: lines for name, tree in modules(pattern) if (lines := without_encoding(tree))} == {}

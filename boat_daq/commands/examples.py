@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import re
 import shutil
-from importlib import metadata
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from boat_daq.commands.console import JsonOption, present
-from boat_daq.own_packages import ROOT
-from protocol.base.errors import RequestError, writing
+from boat_daq.engine.installation import shipped
+from protocol.base.errors import writing
 from protocol.base.whole_file import written_whole
 
 
@@ -37,8 +36,8 @@ def examples(
 
 
 def example_files() -> list[Path]:
-    """Return the example recordings and the file that describes them; raises as `_shipped`."""
-    return _shipped("recordings/*", "share/boat-daq")
+    """Return the example recordings and the file that describes them; raises as `shipped`."""
+    return shipped("recordings/*", "share/boat-daq")
 
 
 def show_tutorial() -> None:
@@ -46,21 +45,5 @@ def show_tutorial() -> None:
     from rich.console import Console
     from rich.markdown import Markdown
 
-    page = _shipped("docs/tutorial/terminal.md", "share/doc/boat-daq")[0].read_text(encoding="utf-8")
+    page = shipped("docs/tutorial/terminal.md", "share/doc/boat-daq")[0].read_text(encoding="utf-8")
     Console().print(Markdown(re.sub(r"\[([^]]+)\]\([^)]+\)", r"\1", page)))
-
-
-def _shipped(pattern: str, below: str) -> list[Path]:
-    """Return files beside the sources, in a checkout or a bundle, else in a folder of the environment.
-
-    Raises
-    ------
-    RequestError : they are not installed.
-    """
-    if beside := sorted(ROOT.glob(pattern)):
-        return beside
-    listed = metadata.files("boat-daq") or []
-    found = sorted(Path(str(file.locate())).resolve() for file in listed if file.match(f"{below}/{pattern}"))
-    if not found:
-        raise RequestError(f"{pattern} is not installed", "Install the program again.")
-    return found

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
+from boat_daq.own_packages import ROOT
+from protocol.base.errors import RequestError
 from protocol.base.optional import install_command
 from protocol.link.framing import is_compiled
 
@@ -94,3 +96,19 @@ def _add_sizes(name: str, sizes: dict[str, int]) -> None:
     for requirement in found.requires or ():
         if "extra ==" not in requirement:
             _add_sizes(re.split(r"[^\w.-]", requirement, maxsplit=1)[0], sizes)
+
+
+def shipped(pattern: str, below: str) -> list[Path]:
+    """Return files beside the sources, in a checkout or a bundle, else in a folder of the environment.
+
+    Raises
+    ------
+    RequestError : they are not installed.
+    """
+    if beside := sorted(ROOT.glob(pattern)):
+        return beside
+    listed = metadata.files("boat-daq") or []
+    found = sorted(Path(str(file.locate())).resolve() for file in listed if file.match(f"{below}/{pattern}"))
+    if not found:
+        raise RequestError(f"{pattern} is not installed", "Install the program again.")
+    return found

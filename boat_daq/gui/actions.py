@@ -318,6 +318,12 @@ def help_(window: MainWindow) -> list[Command]:
         add("Find a command …", "Ctrl+Shift+P", window.palette_.open_fresh),
         add("Keys", "", window.show_keys, also="shortcuts help"),
         add("First steps", "F1", window.live.show_first_steps),
+        add(
+            "Tutorial",
+            "",
+            partial(window.model.notices.attempt, window.show_tutorial),
+            also="manual learn",
+        ),
         add("Save a bug report …", "", save_bug_report),
     ]
 

@@ -27,6 +27,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
+from boat_daq.engine.installation import shipped
 from boat_daq.gui import style
 from boat_daq.gui.connect_panel import ConnectPanel
 from boat_daq.gui.header import Header, Navigation, Strip, Vents
@@ -36,7 +37,7 @@ from boat_daq.gui.live.units_panel import UnitsPanel
 from boat_daq.gui.models.optics_page import OpticsPage
 from boat_daq.gui.models.shadow_page import ShadowPage
 from boat_daq.gui.models.tradeoff_page import TradeoffPage
-from boat_daq.gui.palette import Palette, ShortcutSheet
+from boat_daq.gui.palette import Palette, ShortcutSheet, Tutorial
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
 from boat_daq.gui.registry import Registry, WindowKeys
@@ -342,6 +343,10 @@ class MainWindow(QMainWindow):
             self.keys = ShortcutSheet(self, self.commands)
         self.keys.show()
         self.keys.raise_()
+
+    def show_tutorial(self) -> None:
+        """Show the tutorial beside the window."""
+        Tutorial(self, shipped("docs/tutorial/first-calibration.md", "share/doc/boat-daq")[0]).show()
 
     def ask_report(self) -> None:
         """Save the report of the run that is shown."""

@@ -1,19 +1,31 @@
-"""The command palette and the shortcut sheet, both made from the list of commands."""
+"""The command palette and the shortcut sheet, both made from the list of commands; the tutorial."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import TypeVar
 
-from PySide6.QtCore import QEvent, QObject, Qt
-from PySide6.QtGui import QKeyEvent, QKeySequence, QShowEvent
-from PySide6.QtWidgets import QDialog, QGridLayout, QHeaderView, QScrollArea, QTreeWidget, QTreeWidgetItem, QWidget
+from PySide6.QtCore import QEvent, QObject, Qt, QUrl
+from PySide6.QtGui import QImage, QKeyEvent, QKeySequence, QShowEvent
+from PySide6.QtWidgets import (
+    QDialog,
+    QGridLayout,
+    QHeaderView,
+    QScrollArea,
+    QTextBrowser,
+    QTreeWidget,
+    QTreeWidgetItem,
+    QWidget,
+)
 
 from boat_daq.gui import style
 from boat_daq.gui.registry import PAGES, Command, Registry
 from boat_daq.gui.widgets import controls
 
 T = TypeVar("T")
+_PICTURE = 720  # width of a picture of the tutorial, px
 SHEET = (("Session", "Edit"), ("Run", "View", "Results"), (PAGES, "Help"))  # the menus in columns
 ARROWS = (Qt.Key.Key_Down, Qt.Key.Key_Up)
 NARROW_SHEET = (("Session", "Edit", "View"), ("Run", "Results", PAGES, "Help"))
@@ -168,3 +180,33 @@ def in_order(letters: str, text: str) -> bool:
     """Return whether all `letters` occur in `text` in their order."""
     left = iter(text)
     return all(letter in left for letter in letters)
+
+
+class Tutorial(QDialog):
+    """The tutorial of the window, with its pictures."""
+
+    def __init__(self, parent: QWidget, page: Path) -> None:
+        super().__init__(parent)
+        self.setWindowTitle("Your first calibration")
+        self.setModal(False)
+        self.shown = _Pages(page.parent)
+        without_links = re.sub(r"(?<!!)\[([^]]+)\]\([^)]+\)", r"\1", page.read_text(encoding="utf-8"))
+        self.shown.setMarkdown(without_links)
+        self.setLayout(controls.column(self.shown))
+        self.resize(_PICTURE + 2 * style.STRIP_HEIGHT, max(parent.height() - 2 * style.STRIP_HEIGHT, _PICTURE))
+
+
+class _Pages(QTextBrowser):
+    """Text whose pictures are as wide as its lines."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__()
+        self._folder = folder
+        self.setAccessibleName("Tutorial")
+
+    def loadResource(self, kind: int, name: QUrl | str) -> object:
+        """Return a picture of the tutorial, scaled."""
+        picture = QImage(str(self._folder / QUrl(name).path()))
+        if picture.isNull():
+            return super().loadResource(kind, name)
+        return picture.scaledToWidth(_PICTURE, Qt.TransformationMode.SmoothTransformation)

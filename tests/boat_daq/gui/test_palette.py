@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
-from PySide6.QtCore import Qt
+from PySide6.QtCore import Qt, QUrl
+from PySide6.QtGui import QTextDocument
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QApplication,
@@ -13,6 +16,7 @@ from PySide6.QtWidgets import (
 from boat_daq.engine.snapshot import (
     SessionState,
 )
+from boat_daq.gui.palette import Tutorial
 from tests.boat_daq.gui.windows import NARROW, run_shortcut
 from tests.conftest import mostly_at_night
 
@@ -65,6 +69,22 @@ def test_shortcut_sheet_fits_a_window_that_grew(live):
         QApplication.processEvents()
         assert live.keys.findChild(QScrollArea).horizontalScrollBar().maximum() == 0
         live.keys.close()
+
+
+def test_the_tutorial_is_shown_with_its_pictures(live):
+    """Rendered, as wide as the text; links to pages that are not installed are plain words."""
+    live.palette_._match("tutorial")
+    assert live.palette_.list.topLevelItem(0).text(0) == "Tutorial"
+    live.show_tutorial()
+    QApplication.processEvents()
+    shown = live.findChild(Tutorial).shown
+    kind = QTextDocument.ResourceType.ImageResource
+    names = re.findall(r'src="([^"]+)"', shown.toHtml())
+    assert len(names) == 7
+    assert {shown.document().resource(kind, QUrl(name)).width() for name in names} == {720}
+    assert "href" not in shown.toHtml()
+    assert shown.horizontalScrollBar().maximum() == 0
+    live.findChild(Tutorial).close()
 
 
 def test_palette_finds_and_runs_a_command(live):

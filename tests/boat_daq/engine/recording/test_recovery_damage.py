@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import bisect
+import itertools
 import json
 import random
 import sqlite3
@@ -95,8 +97,15 @@ def pages_of(database: bytes, log: bytes) -> list[bytes]:
 
 def places(content: bytes, pages: list[bytes]) -> list[set[int]]:
     """Return where each piece of a value lies, without those that lie across the end of a page."""
-    pieces = (content[at : at + 48] for at in range(0, len(content) - 47, 48))
-    found = ({n for n, page in enumerate(pages) if piece in page} for piece in pieces)
+    whole, ends = b"".join(pages), list(itertools.accumulate(map(len, pages)))
+    found = []
+    for piece in (content[at : at + 48] for at in range(0, len(content) - 47, 48)):
+        where, at = set(), whole.find(piece)
+        while at >= 0:
+            n = bisect.bisect_right(ends, at)
+            where |= {n} if at + len(piece) <= ends[n] else set()
+            at = whole.find(piece, max(at + 1, ends[n] - len(piece) + 1))
+        found.append(where)
     return [where for where in found if where]
 
 

@@ -8,6 +8,7 @@ import json
 import os
 import shutil
 import sqlite3
+import time
 from contextlib import closing
 from pathlib import Path
 
@@ -63,6 +64,7 @@ def wait(window, qtbot, name: str) -> list[int]:
     shown = []
 
     def ended() -> bool:
+        time.sleep(0.05)  # to refresh without a pause takes a whole core from the work
         window.refresh()
         if window.strip.bar.maximum() and window.strip.bar.value() not in shown[-1:]:
             shown.append(window.strip.bar.value())

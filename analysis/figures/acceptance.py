@@ -92,7 +92,8 @@ class LimitStatement:
         definition, figure = SENSOR_FIGURES.get(self.tolerance.key), self.figure
         name = definition.phrase if definition is not None else self.name
         unit = f" {figure.unit}" if figure.unit else ""
-        value = f"{figure.value:.3g}{unit}" if math.isfinite(figure.value) else "not known"
+        form = ".3g" if definition is None else f".{definition.decimals}f"
+        value = f"{figure.value:{form}}{unit}" if math.isfinite(figure.value) else "not known"
         return f"{name}, {sensor_text(self.sensor)}: {value}, limit {self.tolerance.limit:g}{unit}"
 
     def as_json(self) -> dict[str, Any]:

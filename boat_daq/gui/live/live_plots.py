@@ -216,6 +216,8 @@ class LivePlots(PlotCard):
         if self.view.height() != self._arranged_px:  # the layout gives it its height after the card has its own
             self.arrange()
         width, now_s = self.view.width(), monotonic()
+        if self.last is not None and now_s < self._whole_until_s and self.model.past(self.last, width):
+            return True
         added = self.model.newest(self.last, width) if self.last and now_s < self._whole_until_s else None
         if added is not None:
             for curve, values in self._lines(added):

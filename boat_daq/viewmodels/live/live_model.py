@@ -261,6 +261,11 @@ class LiveModel:
         points = ring.draw(low, high, max_points=most, column_s=column_s)
         return self._picture(width, low, high, with_holes(points)) if points["time_s"].size else None
 
+    def past(self, frame: PlotFrame, width: int) -> bool:
+        """Return whether a frame is of a frozen span that no sample is added to: what comes is drawn beyond it."""
+        drawn = (frame.low_s, frame.high_s)
+        return self.frozen_s == drawn and width == frame.width and self.now_s() > frame.high_s
+
     def newest(self, frame: PlotFrame, width: int) -> PlotFrame | None:
         """Return the columns of pixels added after `frame`; None where the plot has to be drawn whole."""
         ring, column_s = self.ring(), (frame.high_s - frame.low_s) / max(width, 1)

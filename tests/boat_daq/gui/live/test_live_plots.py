@@ -337,3 +337,14 @@ def test_prediction_adds_no_empty_axes_and_names_its_dashed_line(live):
     assert set(plots.view.ci.items) == {plot.item for plot in plots.rows}
     assert [plot.title for plot in plots.rows] == ["Sensor 1", "Sensor 2", "Pressure"]
     assert plots.readout.text() == "\u2504 predicted, band 95 %"
+
+
+def test_a_frozen_span_is_not_continued(live):
+    """The line from its last sample to the newest one crossed the edge of a picture of the past."""
+    plots = live.live.plots
+    plots.model.frozen_s = (280.0, 299.5)  # half a second ago
+    for _ in range(3):
+        plots.draw()
+    item = plots.curves["s1_mv"].item
+    assert item._end is None or item._end.path().isEmpty()
+    assert plots.curves["s1_mv"].x[-1] == pytest.approx(299.5, abs=0.1)

@@ -380,6 +380,9 @@ def _sensor(analysis: Analysis, index: int, before: Mapping[str, Any], limits: M
         return CalibratedSensor(sensor.name, error.cause)
     if unknown := signal_parts(analysis, index).void:
         return CalibratedSensor(sensor.name, f"its U is not known: {unknown}")
+    (low, high), least = calibration.x_range, float(np.nanmin(analysis.u_elongation[index][:, 1], initial=math.inf))
+    if not least < high - low:
+        return CalibratedSensor(sensor.name, f"its U of {least:.2g} mm is wider than its range")
     found = None
     if before:
         try:

@@ -177,6 +177,20 @@ def test_a_certificate_has_no_results_of_the_sensor_without_u(runs: dict[str, An
     assert frozen.void.startswith("its U is not known: ")
 
 
+def test_a_u_wider_than_the_range_is_not_certified(tmp_path: Path) -> None:
+    """The cables of two sensors, one rising and one falling, exchanged between the two cycles of a run."""
+    rising, falling = (1650.0, 40.0, 0.0, 0.0), (1900.0, -30.0, 0.0, 0.0)
+    stairs = Staircase(Plant(cubics=(rising, falling), noise_mv=(1.0, 1.0), loop_mm=0.25), cycles=2)
+    stairs.elongations().to_csv(tmp_path / "e.csv", index=False)
+    run = stairs.recording(meta={"unit": "SA1", "started_utc": "2026-01-01T00:00:00+00:00"})
+    signal = np.where(stairs.trace()[2][:, None] > 1, run.signal_mv[:, ::-1], run.signal_mv)
+    swapped = Recording.from_arrays(run.time_s, run.pressure_kpa, signal, meta=dict(run.meta))
+    found = analyse(swapped, tmp_path / "e.csv", options=Options(mcmc=False, x_resolution_mm=0.0))
+    with pytest.raises(DataError) as caught:
+        certificate_of([found], Request(Laboratory("Lab"), "C", ("SA1",)))
+    assert "mm is wider than its range" in caught.value.cause
+
+
 def test_no_verdict_is_green_by_what_was_not_measured(runs: dict[str, Analysis], tmp_path: Path) -> None:
     """A lost sensor, whose range counts no more, and a staircase up only whose loop no limit can be compared with."""
     lost = verdict_of(runs["frozen half-way"])

@@ -107,9 +107,9 @@ def test_frame_under_strong_vacuum(qtbot, app_model, capsys):
     """Held at about -40 kPa off the nominal curve: each state is looked up among those that come with the program;
     beside it the cost of finding them, which no frame has.
     """
-    from analysis.shadow.model.held import unstable_places
     from boat_daq.gui.plotting.shadow_pane import ShadowPane
     from boat_daq.workflows.live_conversion import LiveElongation
+    from tests.analysis.shadow.make_default_table import unstable_places
 
     model, looked, search = app_model.shadow.model, Watch(), Watch()
     for step in length(range(-42, -37), range(-42, -41)):

@@ -33,13 +33,13 @@ def cycles_between_alarms(threshold: float | FloatArray, reference: float = REFE
     return np.asarray((np.exp(b) - b - 1.0) / (2.0 * reference**2))
 
 
-def threshold_for(cycles: float, sides: int, reference: float = REFERENCE) -> float:
+def threshold_for(cycles: float, sides: int) -> float:
     """Return h so that `sides` one-sided sums together raise one false alarm in `cycles` healthy values."""
     wanted = cycles * sides
-    return float(optimize.brentq(lambda h: float(cycles_between_alarms(h, reference)) - wanted, 0.0, 60.0))
+    return float(optimize.brentq(lambda h: float(cycles_between_alarms(h)) - wanted, 0.0, 60.0))
 
 
-def smallest_shift(history: int, threshold: float, reference: float = REFERENCE) -> float:
+def smallest_shift(history: int, threshold: float) -> float:
     """Return the smallest lasting shift, in standard deviations, that a self-starting sum finds; infinite without one.
 
     The baseline learns the shift d as well: the sum grows to n (d ln(d / k) - d + k) at most, which must reach the
@@ -50,9 +50,9 @@ def smallest_shift(history: int, threshold: float, reference: float = REFERENCE)
     wanted = (threshold + 1.166) / (history - SPENT)
 
     def short(d: float) -> float:
-        return float(d * np.log(d / reference) - d + reference - wanted)
+        return float(d * np.log(d / REFERENCE) - d + REFERENCE - wanted)
 
-    return float(optimize.brentq(short, reference, 1e6))
+    return float(optimize.brentq(short, REFERENCE, 1e6))
 
 
 class SelfStartingCusum:

@@ -10,7 +10,6 @@ import pytest
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.frames import Shadow
 from analysis.shadow.model.full import FullModel
-from analysis.shadow.model.held import unstable_places
 from analysis.shadow.model.reduced import TableSettings
 from analysis.shadow.model.table import (
     DEFAULT_TABLE,
@@ -22,6 +21,7 @@ from analysis.shadow.model.table import (
     table_digest,
     write_table,
 )
+from tests.analysis.shadow.make_default_table import unstable_places
 
 SMALL = TableSettings(pressures=3, elongations=3, modes=4, held_out=4)
 

@@ -96,6 +96,7 @@ class SecopServer:
         self._driver: _Client | None = None  # the client that set the pressure in force
         self._left_s: float | None = None  # when it left, with no other client that may control
         self._clients: set[_Client] = set()
+        self._connections: set[asyncio.Task[None]] = set()  # the loop itself keeps none alive
         self._urgent = ThreadPoolExecutor(2, "SECoP vent")
         self._work = ThreadPoolExecutor(4, "SECoP")
         self._runner = asyncio.Runner()
@@ -136,7 +137,7 @@ class SecopServer:
 
     async def _serve(self, host: str, port: int) -> None:
         self._loop, self._stop = asyncio.get_running_loop(), asyncio.Event()
-        server = await asyncio.start_server(self._connected, host, port, limit=MAX_LINE)
+        server = await asyncio.start_server(self._accept, host, port, limit=MAX_LINE)
         self.port = server.sockets[0].getsockname()[1]
         note("info", f"SECoP on {host}:{self.port}, control {'allowed' if self._node.allow_control else 'not allowed'}")
         self._begun.set()
@@ -146,8 +147,18 @@ class SecopServer:
                 await self._vent_after_driver()
                 with contextlib.suppress(TimeoutError):
                     await asyncio.wait_for(self._stop.wait(), UPDATE_S)
-            for task in asyncio.all_tasks() - {asyncio.current_task()}:  # Python 3.12 waits for connections
+            server.close()
+            if accepting := asyncio.all_tasks() - self._connections - {asyncio.current_task()}:
+                await asyncio.wait(accepting, timeout=1.0)
+            for task in self._connections:  # Python 3.12 waits for them
                 task.cancel()
+
+    def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Serve a connection; asyncio would report a task of its own that is cancelled before its first step."""
+        task = self._loop.create_task(self._connected(reader, writer))
+        self._connections.add(task)
+        task.add_done_callback(self._connections.discard)
+        task.add_done_callback(lambda _: writer.close())
 
     async def _connected(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         client = _Client(writer)

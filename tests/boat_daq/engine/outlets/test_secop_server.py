@@ -363,6 +363,29 @@ def test_a_server_closes_while_a_connection_does() -> None:
     assert not asyncio.run(cancelled())
 
 
+def test_a_server_closes_while_clients_connect(caplog: pytest.LogCaptureFixture) -> None:
+    """Stopped at each turn of its loop after it takes them: nothing is left, and asyncio has nothing to report."""
+    node = SimpleNamespace(allow_control=False, answer=lambda *_, **__: ["pong"], updates=lambda *_: [])
+    for turns in range(12):
+        server = SecopServer(node, ("127.0.0.1", 0))  # type: ignore[arg-type]
+
+        def stop_after(turns: int, server: SecopServer = server) -> None:
+            if turns:
+                server._loop.call_soon(stop_after, turns - 1)
+            else:
+                server._stop.set()
+
+        server._loop.call_soon_threadsafe(time.sleep, 0.03)  # meanwhile they wait to be accepted
+        clients = [socket.create_connection(("127.0.0.1", server.port)) for _ in range(6)]
+        server._loop.call_soon_threadsafe(stop_after, turns)
+        server._thread.join(10)
+        assert not server._thread.is_alive()
+        server.close()
+        for client in clients:
+            client.close()
+    assert [record.getMessage() for record in caplog.records] == []
+
+
 @pytest.mark.fault(57, how="eight idle clients")
 def test_the_number_of_clients_is_limited_but_not_for_vent(session: Session, server: SecopServer) -> None:
     """With all places taken by idle clients a further one is refused, and its VENT carried out."""

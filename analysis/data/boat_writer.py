@@ -213,5 +213,6 @@ def first_difference(path: str | Path, captured: Callable[[Path, str], Recording
         again = schema.fitted(again, kept.dtype)  # an older recording has no channels
     if again.dtype != kept.dtype or again.size != kept.size:
         return f"the file gives {again.size} samples where {kept.size} are kept"
-    different = np.flatnonzero(again != kept)
+    rows = [np.frombuffer(part.tobytes(), np.uint8).reshape(part.size, -1) for part in (again, kept)]  # NaN equals NaN
+    different = np.flatnonzero((rows[0] != rows[1]).any(axis=1))
     return f"sample {int(different[0])} differs from the file it was imported from" if different.size else ""

@@ -72,6 +72,7 @@ class ColumnMap:
     clocks: Mapping[str, Column] = field(default_factory=dict)  # by name: the clock of columns that have another one
     signal_unit: str = "mV"
     interval_s: float = 0.0  # between rows that have no time, as the file says
+    time_stated: bool = False  # the time is mapped: the clock of all columns if they cannot be on their own
 
     def as_profile(self, table: Table) -> dict[str, str]:
         """Return the map as NAME -> COLUMN[*SCALE][+OFFSET][:UNIT], the form that a profile keeps and `--map` takes."""
@@ -102,7 +103,9 @@ def map_columns(table: Table, columns: Mapping[str, str] | None = None, *, toler
     taken = {column.position for column in chosen.values()} | set(stated)
     clocks: list[Column] = []
     others: list[tuple[str, Column]] = []
-    for name, position, unit in _by_title(table, taken, set(given), signals_mapped=any(map(is_signal, chosen))):
+    sought = set(given) - {"time_s"} if given.get("time_s") else set(given)
+    taken -= {chosen["time_s"].position} if "time_s" in chosen else set()
+    for name, position, unit in _by_title(table, taken, sought, signals_mapped=any(map(is_signal, chosen))):
         try:
             column = _with_unit(table, name, position, unit, warnings)
         except RequestError as error:
@@ -110,8 +113,8 @@ def map_columns(table: Table, columns: Mapping[str, str] | None = None, *, toler
                 raise
             warnings.append(Warning(WarningCode.UNIT_UNKNOWN, "", error.cause))
             continue
-        if name == "time_s" and name not in given:
-            clocks.append(column)
+        if name == "time_s":
+            clocks.append(chosen.get(name, column) if chosen.get(name, column).position == position else column)
         if name in chosen and name != "time_s":
             others.append((name, column))
         chosen.setdefault(name, column)
@@ -126,16 +129,22 @@ def map_columns(table: Table, columns: Mapping[str, str] | None = None, *, toler
         text = f"column {table.names[stamps[0]]!r} holds stamps: taken as time"
         warnings.append(Warning(WarningCode.TIME_GUESSED, "", text))
         chosen["time_s"] = Column(stamps[0], "s")
-    interval_s = 0.0 if "time_s" in given else _interval_without_times(table, chosen, warnings)
+    interval_s = 0.0 if given.get("time_s") else _interval_without_times(table, chosen, warnings)
     channels = _channels(table, {column.position for column in (*chosen.values(), *clocks)}, stated)
     own_clocks: dict[str, Column] = {}
+    if "time_s" in given and chosen.get("time_s") not in clocks:
+        clocks = []  # a column with another title
     if len(clocks) > 1:
         others = [(f"{CHANNEL}{position}", Column(position)) for position in channels]
-        chosen["time_s"], own_clocks = _assigned(table, {**chosen, **dict(others)}, clocks)
+        main, own_clocks = _assigned(table, {**chosen, **dict(others)}, clocks)
+        if "time_s" in given and chosen["time_s"] != main:
+            own_clocks = {}  # the one clock of all, as it is mapped
+        chosen["time_s"] = chosen["time_s"] if "time_s" in given else main
     chosen = dict(sorted(chosen.items(), key=lambda item: item[1].position))
     unit, chosen = _one_signal_unit(table, chosen)
     declined = tuple(name for name, text in given.items() if not text)
-    return ColumnMap(chosen, tuple(warnings), declined, channels, own_clocks, unit, interval_s)
+    stated_time = bool(given.get("time_s"))
+    return ColumnMap(chosen, tuple(warnings), declined, channels, own_clocks, unit, interval_s, stated_time)
 
 
 def _interval_without_times(table: Table, chosen: dict[str, Column], warnings: list[Warning]) -> float:

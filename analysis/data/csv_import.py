@@ -300,7 +300,11 @@ def _on_one_clock(
     column = mapping.columns["time_s"]
     time_s = _rising(path, table, column, values.get("segment"), meta)
     for own, names in _by_clock(mapping).items():
-        values |= _from_other_clock(table, column, own, {name: values[name] for name in names}, time_s, meta)
+        try:
+            values |= _from_other_clock(table, column, own, {name: values[name] for name in names}, time_s, meta)
+        except (DataError, RequestError):
+            if not mapping.time_stated:
+                raise
     known = np.flatnonzero(np.isfinite(time_s))
     steps = np.diff(time_s[known])
     coarse = clocks.spread(time_s[known]) if _differ_where_time_stands(steps, known, values) else None

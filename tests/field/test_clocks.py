@@ -180,5 +180,16 @@ def test_clocks_of_different_kinds_are_refused(tmp_path: Path, run: Run) -> None
         f"{a.rpartition(',')[0]},{t:.2f},{a.rpartition(',')[2]}" for a, t in zip(lines[1:], run.time_s, strict=True)
     ]
     path = put(tmp_path, ["Time,Pressure (kPa),Time,S1 (mV)", *rows])
-    with pytest.raises(BoatDaqError, match=r"columns 3 \(Time\) and 1 \(Time\) of different kinds"):
+    with pytest.raises(BoatDaqError, match=r"columns 3 \(Time\) and 1 \(Time\) of different kinds") as refused:
         import_csv(path)
+    assert "--map time_s=3" in refused.value.remedy
+    holds(import_csv(path, columns={"time_s": "3"}), run)
+
+
+def test_a_kept_map_of_two_clocks_reads_them_alike(tmp_path: Path, run: Run) -> None:
+    """The map that a preview shows gives the same samples; the other clock, mapped, is that of all columns."""
+    path = put(tmp_path, two_loggers(run))
+    first = import_csv(path)
+    again = import_csv(path, columns=first.meta["import_map"])
+    np.testing.assert_array_equal(again.pressure_kpa, first.pressure_kpa)
+    assert "interpolated" not in str(import_csv(path, columns={"time_s": "1"}).meta.get("import_notes"))

@@ -252,7 +252,22 @@ OTHERS = {"none.lvm": lvm_without_times, "labels.h5": hdf5_labels, "frame.h5": h
 def test_titles_and_times_of_other_files(tmp_path: Path, run: Run, name: str) -> None:
     """Titles in attributes, cells or groups, and times in an index or a head: the samples are those of the run."""
     OTHERS[name](tmp_path / name, run)
-    holds(import_csv(tmp_path / name), run)
+    recording = import_csv(tmp_path / name)
+    holds(recording, run)
+    write_boat_file(tmp_path / "a.boat", recording, original=tmp_path / name)
+    assert first_difference(tmp_path / "a.boat") == ""
+
+
+def test_the_window_needs_no_rate_that_the_file_states(tmp_path: Path, run: Run, window: CsvImport) -> None:
+    """A measurement without X columns is imported as it is; also where a cell of the first row is no number."""
+    lvm_without_times(tmp_path / "a.lvm", run)
+    text = (tmp_path / "a.lvm").read_text(encoding="utf-8")
+    opened(window, put(tmp_path, [text.replace(f"{run.signal_mv[0]:.6f}", "OVLD").rstrip()], "a.lvm"))
+    assert window.obstacle() == ""
+    window.start("a")
+    window._jobs.poll()
+    assert first_difference(tmp_path / "a.boat") == ""
+    assert load_recording(tmp_path / "a.boat").rate_hz == pytest.approx(50.0)
 
 
 @pytest.mark.parametrize("kind", ["groups", "rates", "lvm"])

@@ -194,7 +194,7 @@ class CsvImport:
             return "Choose the column of the pressure."
         if not any(self.sources[role].column for role in SIGNALS):
             return "Choose the column of at least one sensor."
-        if not self.sources["time_s"].column and self._rate_hz() is None:
+        if not self.sources["time_s"].column and self._rate_hz() is None and "time_s" in self._seen.get("missing", ()):
             return "Choose the column of the time, or type the sampling rate."
         return ""
 

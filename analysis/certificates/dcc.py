@@ -1,8 +1,8 @@
 """A certificate as a Digital Calibration Certificate: XML after the schema 3.2.1 of the PTB, units after D-SI 2.1.
 
-Rules: values are written with all their digits, so that they are those of the JSON; the document rounds. Texts hold any
-characters: what XML 1.0 forbids becomes the replacement character. There is no signature: whoever authorises the
-certificate adds one. A simulated run is named so in number, item, results, a statement and a comment.
+Rules: values are rounded to two digits of U, as in the document; the JSON has all digits. Texts hold any characters:
+what XML 1.0 forbids becomes the replacement character. There is no signature: whoever authorises the certificate adds
+one. A simulated run is named so in number, item, results, a statement and a comment.
 Sources: Hackel et al., The Digital Calibration Certificate, PTB-Mitteilungen 127 (2017) 4; dcc.ptb.de; GP_DCC.
 """
 
@@ -297,17 +297,16 @@ def _figure_unit(key: str, signal: str) -> str:
 
 def _levels(table: ET.Element, levels: Sequence[Level], unit: str, decimals: int) -> None:
     """Add the levels of one branch; where the curve gives no elongation for a signal, there is none for any."""
-    places = [decimals_for(one.expanded_mm) for one in levels]
+    u = [one.expanded_mm for one in levels]
     _list(table, "Pressure", _places([one.pressure_kpa for one in levels], 2), KPA)
-    elongation = [round(one.elongation_mm, place) for one, place in zip(levels, places, strict=True)]
+    elongation = _as_uncertain([one.elongation_mm for one in levels], u)
     _list(table, "Elongation", elongation, MM, ref_type="basic_referenceValue")
     _list(table, "Signal", _places([one.signal_mv for one in levels], decimals), unit)
-    indicated = [round(one.indicated_mm, place) for one, place in zip(levels, places, strict=True)]
+    indicated = _as_uncertain([one.indicated_mm for one in levels], u)
     if np.isfinite(indicated).all():
         _list(table, "Indicated elongation", indicated, MM, ref_type="basic_measuredValue")
-        stated = [round(one.expanded_mm, place) for one, place in zip(levels, places, strict=True)]
-        deviation = [round(one.deviation_mm, place) for one, place in zip(levels, places, strict=True)]
-        expanded = stated, _places([one.coverage for one in levels], 4)
+        deviation = _as_uncertain([one.deviation_mm for one in levels], u)
+        expanded = _as_uncertain(u, u), _places([one.coverage for one in levels], 4)
         _list(table, "Deviation", deviation, MM, expanded, ref_type="basic_measurementError")
 
 
@@ -335,7 +334,11 @@ def _function(data: ET.Element, calibration: Calibration, unit: str, decimals: i
 
 
 def _places(values: Sequence[float] | FloatArray, places: int) -> list[float]:
-    return [round(float(value), places) for value in values]
+    return [round(float(value), places) + 0.0 for value in values]  # no -0.0
+
+
+def _as_uncertain(values: Sequence[float], expanded: Sequence[float]) -> list[float]:
+    return [round(value, decimals_for(u)) + 0.0 for value, u in zip(values, expanded, strict=True)]
 
 
 def _two_digits(u: float) -> float:

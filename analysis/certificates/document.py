@@ -7,6 +7,7 @@ signature is empty. What nobody stated is named as not stated.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -89,8 +90,9 @@ def certificate_document(certificate: Certificate) -> Report:
     for item in items:
         of = f" of {item.name}" if several else ""
         sections += [_conditions(item, of)] if several else []
-        sections += [Section(f"Results{of}: sensor {k}", _results(one)) for k, one in enumerate(item.sensors, 1)]
-        sections.append(Section(f"Standards and traceability{of}", _standards(item)))
+        results = [Section(f"Results{of}: sensor {k}", _results(one)) for k, one in enumerate(item.sensors, 1)]
+        results[-1] = replace(results[-1], parts=(*results[-1].parts, *_curves(item)))
+        sections += [*results, Section(f"Standards and traceability{of}", _standards(item))]
     if several:
         sections.insert(1, Section("Comparison", _comparison(certificate)))
     if any(sensor.statements for item in items for sensor in item.sensors):
@@ -113,7 +115,7 @@ def certificate_document(certificate: Certificate) -> Report:
 def _verdict(certificate: Certificate) -> str:
     if certificate.simulated:
         return f"{SIMULATED}: {NO_CERTIFICATE}. The data are those of a virtual board; no unit was calibrated."
-    return ", ".join(item.name for item in certificate.items)
+    return ", ".join(item.name for item in certificate.items) if len(certificate.items) > 1 else ""
 
 
 def _facts(certificate: Certificate) -> tuple[tuple[str, str], ...]:
@@ -158,9 +160,8 @@ def _results(sensor: CalibratedSensor) -> tuple[SectionPart, ...]:
         return (f"No result: {sensor.void}.",)
     rows = []
     for level in sensor.levels:
-        u = level.expanded_mm / COVERAGE_FACTOR
         lengths = (level.elongation_mm, level.indicated_mm, level.deviation_mm, level.expanded_mm)
-        x, indicated, deviation, expanded = (rounded(length, u) for length in lengths)
+        x, indicated, deviation, expanded = (rounded(length, level.expanded_mm) for length in lengths)
         pressure, signal = f"{round(level.pressure_kpa, 1) + 0.0:+.1f}", f"{level.signal_mv:.{sensor.places()}f}"
         covered = f"{COVERAGE_FACTOR:g}", percent(level.coverage), str(level.n)
         rows.append((level.branch, pressure, x, signal, indicated, deviation, expanded, *covered))
@@ -171,8 +172,14 @@ def _results(sensor: CalibratedSensor) -> tuple[SectionPart, ...]:
         "Means of n cycles. x: elongation as read; x of curve: that of the calibration function for the signal; "
         "deviation: the second less the first; U: of an elongation from one signal. End levels belong to both branches."
     )
-    drawing = ReportDrawing((partial(_curve, sensor),), "Calibration function and levels, with U as bars.", 2.3)
-    return (ReportTable(header, tuple(rows), caption), *_function(sensor.calibration), drawing)
+    return (ReportTable(header, tuple(rows), caption), *_function(sensor.calibration))
+
+
+def _curves(item: CalibratedItem) -> list[SectionPart]:
+    """The curves of the sensors, two a row."""
+    draws = [partial(_curve, k, one) for k, one in enumerate(item.sensors, 1) if one.calibration is not None]
+    rows = [tuple(draws[at : at + 2]) for at in range(0, len(draws), 2)]
+    return [ReportDrawing(row, "Calibration function and levels, with U as bars.", 2.4) for row in rows]
 
 
 def _function(calibration: Calibration) -> tuple[SectionPart, ...]:
@@ -191,7 +198,7 @@ def _function(calibration: Calibration) -> tuple[SectionPart, ...]:
     return (ReportTable(("", "value ± standard uncertainty", "unit"), rows, caption),)
 
 
-def _curve(sensor: CalibratedSensor, ax: Axes) -> None:
+def _curve(number: int, sensor: CalibratedSensor, ax: Axes) -> None:
     calibration, colour = sensor.calibration, style.SENSOR_COLOURS[0]
     assert calibration is not None
     grid = np.linspace(*calibration.x_range, _CURVE_POINTS)
@@ -200,15 +207,14 @@ def _curve(sensor: CalibratedSensor, ax: Axes) -> None:
         own = [level for level in sensor.levels if level.branch == name]
         x, y, u = ([getattr(one, key) for one in own] for key in ("elongation_mm", "signal_mv", "expanded_mm"))
         ax.errorbar(x, y, xerr=u, fmt="o", color=colour, mfc=fill, mew=0.7, ms=3.2, elinewidth=0.6, label=name)
-    ax.set(xlabel="elongation, mm", ylabel="signal, mV", title="")
+    ax.set(xlabel="elongation, mm", ylabel="signal, mV", title=f"Sensor {number}")
     ax.legend()
 
 
 def _standards(item: CalibratedItem) -> tuple[SectionPart, ...]:
-    rows = [(one.label, one.statement) for one in item.type_b]
-    rows += [(name, "not assessed") for name in item.not_assessed]
-    table = ReportTable(("Standard or influence", "Statement"), tuple(rows), numeric=False)
-    return (table, f"An elongation is {item.traceability.text}.")
+    rows = tuple((one.label, one.statement) for one in item.type_b)
+    tables = [ReportTable(("Standard or influence", "Statement"), rows, numeric=False)] if rows else []
+    return (*tables, f"An elongation is {item.traceability.text}.")
 
 
 def _conformity(certificate: Certificate) -> tuple[SectionPart, ...]:
@@ -223,7 +229,8 @@ def _conformity(certificate: Certificate) -> tuple[SectionPart, ...]:
             label = SENSOR_FIGURES[one.tolerance.key].label_with_unit
             rows.append((item.name, one.sensor, label, value, limit, band, chance, one.conformity.label))
     header = ("Item", "sensor", "figure", "value", "limit", "guard band", "conformity", "statement")
-    return (ReportTable(header, tuple(rows), f"Decision rule: {RULE}."),)
+    caption = f"Decision rule: {RULE}. Conformity: probability that the figure keeps its limit (JCGM 106:2012)."
+    return (ReportTable(header, tuple(rows), caption),)
 
 
 def _as_found(certificate: Certificate) -> tuple[str, ...]:
@@ -250,7 +257,7 @@ def _comparison(certificate: Certificate) -> tuple[SectionPart, ...]:
         for sensor in item.sensors:
             values = [f"{sensor.figures[k]:.{sensor.places(k)}f}" if k in sensor.figures else "" for k in keys]
             most = max((level.expanded_mm for level in sensor.levels), default=math.nan)
-            rows.append((item.name, sensor.name, *values, rounded(most, most / COVERAGE_FACTOR)))
+            rows.append((item.name, sensor.name, *values, rounded(most, most)))
     header = ("Item", "sensor", *map(figure_label, keys), "largest U, mm")
     return (ReportTable(header, tuple(rows)),)
 

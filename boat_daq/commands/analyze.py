@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show, show_table
+from boat_daq.commands.console import JsonOption, complete_cycles, emit_json, notify, progress_bar, show, show_table
 from boat_daq.commands.options import (
     DegreeOption,
     FidelityOption,
@@ -184,7 +184,7 @@ def _show(analysis: Analysis, limits: Mapping[str, float]) -> None:
     show(
         f"{'SIMULATED  ' if content['simulated'] else ''}{analysis.recording.source}: "
         f"{content['duration_s']:.1f} s at {content['rate_hz']:.1f} Hz, "
-        f"{cycles['complete']} complete cycles, {cycles['partial']} partial, {content['lost_samples']} samples lost"
+        f"{complete_cycles(cycles['complete'])}, {cycles['partial']} partial, {content['lost_samples']} samples lost"
     )
     show_table(
         ["figure [95 % interval]", *(sensor.name for sensor in sensors)],
@@ -213,11 +213,15 @@ def _show(analysis: Analysis, limits: Mapping[str, float]) -> None:
 def _show_sensors(analysis: Analysis) -> None:
     """Print the curves, their budgets, and what else acts on the signals."""
     from analysis.figures.warnings import influence_text
+    from analysis.numbers import with_uncertainty
 
     sensors = analysis.sensors
     for sensor in sensors:
         if sensor.calibration is not None:
-            terms = ", ".join(f"b{i} = {b:.6g}" for i, b in enumerate(sensor.calibration.coefficients)) or "spline"
+            pairs = enumerate(
+                zip(sensor.calibration.coefficients, sensor.calibration.std_errors_with_reading, strict=True)
+            )
+            terms = ", ".join(f"b{i} = {with_uncertainty(float(b), float(u))}" for i, (b, u) in pairs) or "spline"
             show(f"{sensor.name}: {terms}, R2 = {sensor.calibration.r2:.5f}")
             show(f"{sensor.name}: curve {sensor.figures['lack_of_fit_percent_fso'].note or 'not tested'}")
     for sensor, budget in zip(sensors, analysis.budgets.budgets if analysis.budgets else (), strict=False):
@@ -226,7 +230,10 @@ def _show_sensors(analysis: Analysis) -> None:
         mark = ", with a stand-in" if budget.stand_in else ""
         known = f"U = {1000 * budget.expanded:.0f} µm (k = 2{mark}) {at}"
         expanded = f"U is not known: {budget.void}" if budget.void else known
-        show(f"{sensor.name}: {expanded}, {budget.traceability.text if budget.traceability else ''}")
+        show(f"{sensor.name}: {expanded}")
+    budgets = analysis.budgets.budgets if analysis.budgets else ()
+    for text in dict.fromkeys(one.traceability.text for one in budgets if one.traceability is not None):
+        show(f"An elongation is {text}")
     for sensor in sensors:
         for found in sensor.influences:
             show(f"{sensor.name}: {f'{found.name}: {found.void}' if found.void else influence_text(found)}")

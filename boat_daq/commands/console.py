@@ -89,6 +89,11 @@ def _as_step(remedy: str) -> str:
     return (first.lower() + rest if ordinary else remedy).rstrip(".")
 
 
+def complete_cycles(count: int) -> str:
+    """Return the number of complete cycles in words."""
+    return f"{count} complete cycle{'' if count == 1 else 's'}"
+
+
 def show(text: str) -> None:
     """Print a line of the result on standard output."""
     from boat_daq.commands.terminal import out

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar
+from boat_daq.commands.console import JsonOption, complete_cycles, emit_json, notify, progress_bar
 from boat_daq.commands.options import UncertaintyOption
 from boat_daq.engine.file_names import named, path_in
 
@@ -202,7 +202,8 @@ def _report(summary: Summary, failure: str, request: SessionRequest) -> None:
     """Print what was recorded, and how to resume a run that failed."""
     notify(
         f"{summary.path}: {summary.samples} samples in {summary.duration_s:.1f} s, {summary.lost_samples} lost, "
-        f"{summary.cycles.complete} complete cycles, {summary.readings} readings; {summary.stop_reason or 'not closed'}"
+        f"{complete_cycles(summary.cycles.complete)}, {summary.readings} readings; "
+        f"{summary.stop_reason or 'not closed'}"
     )
     if failure:
         notify("the run did not end as planned (see above); the recording holds everything until then")
@@ -235,7 +236,7 @@ def broken_run(path: Path, plan: str | None, changes: dict[str, Any], *, unit: s
         broken.check_plan((broken.plan if plan is None else load_plan(plan)).changed(**changes))
     with progress_bar("checking") as progress:
         broken = prepare_resumption(path, progress=progress)
-    whole = f"{broken.complete_cycles} complete cycles"
+    whole = complete_cycles(broken.complete_cycles)
     notify(f"{path.name}: {broken.cause} after {whole}; resuming at cycle {broken.first_cycle}")
     return broken
 

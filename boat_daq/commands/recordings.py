@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from boat_daq.commands.console import JsonOption, notify_shortcomings, present, progress_bar
+from boat_daq.commands.console import JsonOption, complete_cycles, notify_shortcomings, present, progress_bar
 from boat_daq.commands.options import RecordingArgument
 
 if TYPE_CHECKING:
@@ -143,7 +143,7 @@ def _lines(summary: Summary) -> Iterator[tuple[str, str]]:
     rate = "-" if summary.rate_hz is None else f"{summary.rate_hz:.2f} Hz"
     if summary.lost_samples and summary.rate_sampled_hz is not None:
         rate += f" received of {summary.rate_sampled_hz:.2f} Hz"
-    requested = f"requested: {summary.rate_asked_hz or '-'} Hz"
+    requested = f"requested: {summary.rate_asked_hz:g} Hz" if summary.rate_asked_hz else "requested: -"
     yield "samples", f"{summary.samples} in {summary.duration_s:.2f} s, {rate} ({requested})"
     if summary.channels:
         yield "channels", ", ".join(channel.quantity for channel in summary.channels)
@@ -158,10 +158,11 @@ def _lines(summary: Summary) -> Iterator[tuple[str, str]]:
         yield f"segment {segment.number}", f"{segment.reason}: {extent}"
     for broken in summary.breaks:
         duration = "" if broken.break_s is None else f" for {broken.break_s:.0f} s"
-        ended = f"{broken.cause} after {broken.complete_cycles} complete cycles{duration}"
+        ended = f"{broken.cause} after {complete_cycles(broken.complete_cycles)}{duration}"
         resumed = f"resumed at cycle {broken.first_cycle}, segment {broken.first_segment}, {broken.utc}"
         yield "break", f"{ended}; {resumed}"
-    yield "cycles", f"{summary.cycles.complete} complete, {summary.cycles.partial} partial, {summary.steps} steps"
+    counts = f"{summary.cycles.complete} complete, {summary.cycles.partial} partial, {summary.steps} steps"
+    yield "cycles", counts if summary.steps or summary.cycles.complete else "not marked; boat-daq analyze finds them"
     yield "readings", f"{summary.readings}; results: {summary.results}"
     layout = f"layout {summary.layout}"
     if summary.layout < SCHEMA_VERSION:

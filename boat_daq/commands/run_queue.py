@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show_table
+from boat_daq.commands.console import JsonOption, complete_cycles, emit_json, notify, progress_bar, show_table
 
 if TYPE_CHECKING:
     from boat_daq.engine.run_queue import QueuedRun
@@ -106,6 +106,6 @@ def _run(run: QueuedRun, folder: Path, port: str, profile: Path | None, out: Pat
     )
     summary, failure, _ = run_session(request, notify=notify, progress_bar=progress_bar)
     cycles = summary.cycles.complete
-    notify(f"{summary.path}: {summary.samples} samples, {cycles} complete cycles, {summary.lost_samples} lost")
+    notify(f"{summary.path}: {summary.samples} samples, {complete_cycles(cycles)}, {summary.lost_samples} lost")
     head = {"file": str(summary.path), "plan": plan.name, "unit": run.unit, "samples": summary.samples}
     return {**head, "complete_cycles": cycles, "lost_samples": summary.lost_samples, "failure": failure}, failure

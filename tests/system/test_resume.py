@@ -122,7 +122,7 @@ def test_killed_run_is_resumed_with_all_its_cycles(tmp_path: Path, capsys: pytes
     assert numbers == list(range(1, len(numbers) + 1))
     assert verify_recording(run).difference == ""
     info(run)
-    assert f"interrupted after {broken['complete_cycles']} complete cycles" in capsys.readouterr().out
+    assert f"interrupted after {broken['complete_cycles']} complete cycle" in capsys.readouterr().out
     with pytest.raises(RequestError, match=f"has all its {CYCLES} cycles"):
         record(port="/dev/none", resume=run)
     recording = load_recording(run)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import pytest
@@ -57,7 +58,7 @@ def test_simulated_run_is_marked_on_every_page(calibration: Analysis, tmp_path: 
 
 
 def test_document_rounds_the_numbers_of_the_certificate(calibration: Analysis) -> None:
-    """Each row of the table is a level, to the place of two digits of u."""
+    """Each row of the table is a level, to the place of two digits of U, as in the XML; neither has a -0."""
     certificate = certificate_of([calibration], REQUEST)
     levels = certificate.items[0].sensors[0].levels
     section = next(s for s in certificate_document(certificate).sections if s.title == "Results: sensor 1")
@@ -66,6 +67,12 @@ def test_document_rounds_the_numbers_of_the_certificate(calibration: Analysis) -
     for row, level in zip(table.rows, levels, strict=True):
         assert float(row[2]) == pytest.approx(level.elongation_mm, abs=level.expanded_mm / 20)
         assert float(row[6]) == pytest.approx(level.expanded_mm, rel=0.06)
+        assert len(row[6].replace(".", "").lstrip("0")) == 2
+    root = ET.fromstring(dcc_xml(certificate))
+    lists = [element.text.split() for element in root.iter("{https://ptb.de/si}uncertaintyXMLList")]
+    assert sorted(float(u) for one in lists for u in one) == sorted(float(row[6]) for row in table.rows)
+    numbers = " ".join(element.text or "" for element in root.iter("{https://ptb.de/si}valueXMLList"))
+    assert "-0.0" not in numbers.split()
 
 
 def test_comparison_has_a_row_for_each_item(calibration: Analysis) -> None:

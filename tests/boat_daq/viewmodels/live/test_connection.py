@@ -40,7 +40,7 @@ def test_long_port_is_shortened(port, text):
 @pytest.mark.skipif(find_spec("cv2") is None, reason="OpenCV is an extra")
 def test_virtual_board_has_a_camera():
     """Its address is known with the board's; it gives pictures to who asks."""
-    board = VirtualBoardProcess("SA1", 1.0, 0)
+    board = VirtualBoardProcess("SA1", 1.0)
     try:
         until(lambda: board.url or board.error)
         assert board.camera_url.startswith("http://127.0.0.1:")

@@ -8,6 +8,7 @@ about a broken link or a slow disk are dismissed once it is over.
 from __future__ import annotations
 
 import math
+import re
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -215,9 +216,9 @@ class SessionMessages:
 
 
 def sentence(text: str) -> str:
-    """Return `text` with a capital and a full stop; one that begins with a path keeps its first letter."""
+    """Return `text` with a capital and a full stop; one that begins with a path or a file keeps its first letter."""
     text = text.strip()
-    head = text if "/" in text.partition(" ")[0] else text[:1].upper() + text[1:]
+    head = text if re.match(r"\S*(/|\w\.\w)", text) else text[:1].upper() + text[1:]
     return head if head.endswith((".", "!", "?", "\u2026")) else f"{head}."
 
 

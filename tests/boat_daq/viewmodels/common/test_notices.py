@@ -53,3 +53,11 @@ def test_attempt_never_raises():
     assert not notices.attempt(lambda: 1 / 0)
     assert "ZeroDivisionError" in notices.current().details
     assert notices.attempt(lambda: None, done="Saved")
+
+
+def test_a_file_name_keeps_its_first_letter() -> None:
+    """It was shown as another file: D.toml."""
+    from boat_daq.viewmodels.common.notices import sentence
+
+    assert sentence("d.toml is not a plan") == "d.toml is not a plan."
+    assert sentence("the port is gone") == "The port is gone."

@@ -159,13 +159,14 @@ def test_another_board_on_the_same_port_is_refused_and_said_once(monkeypatch, tm
             session.wait_connected()
             reached(session, lambda s: s.recorded_s > 0.1, PATIENCE_S)
             board.pull()
-            session.wait(lambda s: s.link is LinkState.LOST, PATIENCE_S)
+            reached(session, lambda s: s.link is LinkState.LOST, PATIENCE_S)
             other.at(name)
             said = reached(session, lambda s: "another board" in s.messages[-1].cause, PATIENCE_S)
             tried = len(other.received)
             while len(other.received) < 2 * tried:
                 time.sleep(0.01)
             again.at(name)
+            reached(session, lambda s: s.messages[-1].kind is MessageKind.BOARD_FOUND, PATIENCE_S)
             seen = reached(session, lambda s: s.recorded_s > said.recorded_s + 0.1, PATIENCE_S)
     finally:
         for plug in (board, other, again):

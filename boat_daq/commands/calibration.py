@@ -173,9 +173,9 @@ def _converted_file(
     ----------
     file : a recording, or a CSV.
     """
-    from analysis import load_recording
     from analysis.calibration_export.conversion import convert_recording, converted_rows, other_unit
     from analysis.data.boat_file import is_boat_file
+    from analysis.data.load import load_recording
     from boat_daq.commands.importing import column_map
 
     is_boat = file.is_file() and is_boat_file(file)

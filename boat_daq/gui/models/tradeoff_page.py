@@ -38,7 +38,7 @@ PRECISIONS = {
     "reference": "Reference: slow, exact",
 }
 MEASURE = "Measure this computer"
-MEASURE_TIP = "Some minutes in a helper process; boat-daq tradeoff measures more settings, with a chart of each method"
+MEASURE_TIP = "Takes some minutes, in a helper process"
 SHARE_TIP = "The error in percent of the least that is noticeable; the rule accepts a setting up to 50 %"
 _HEADINGS = ("No.", "Method", "Default", "Time", "Error", "Share")
 _KEY = "● a method   ■ a whole job   lower: more exact   further left: faster"

@@ -48,7 +48,7 @@ def test_every_sensor_has_its_figures(calibrated: tuple[Recording, Analysis]) ->
     assert [sensor["name"] for sensor in run.to_json()["sensors"]] == list(recording.sensor_names)
     tables = [part for part in build_report([run]).sections[0].parts if isinstance(part, ReportTable)]
     named = [head for table in tables for head in table.header if head.startswith("Sensor ")]
-    assert named == [f"Sensor {n}" for n in range(1, recording.n_sensors + 1)]
+    assert list(dict.fromkeys(named)) == [f"Sensor {n}" for n in range(1, recording.n_sensors + 1)]
 
 
 def test_signals_become_elongation(calibrated: tuple[Recording, Analysis], tmp_path: Path) -> None:

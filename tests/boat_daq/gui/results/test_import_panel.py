@@ -41,13 +41,13 @@ def drop(empty, monkeypatch):
 def test_dropped_csv_is_imported_by_its_columns(drop, tmp_path):
     """The panel shows rows and proposes columns; what is chosen is imported, listed, chosen and offered."""
     file = tmp_path / "lab.csv"
-    file.write_text("Time (s);Druck (mbar);left (V)\n" + "\n".join(f"{i};{i}0;1.6{i}" for i in range(9)))
+    file.write_text("Time (s);Druck (mbar);left\n" + "\n".join(f"{i};{i}0;1.6{i}" for i in range(9)))
     window = drop(file)
     panel, model = window.import_panel, window.model.csv_import
     assert panel.isVisible()
     assert not panel.isModal()
     headings = [panel.preview.horizontalHeaderItem(i).text().split("\n")[1] for i in range(3)]
-    assert headings == ["Time", "Pressure", "Extra channel"]
+    assert headings == ["Time", "Pressure", "–"]
     assert panel.preview.item(1, 2).text() == "1.61"
     assert (panel.button.isEnabled(), panel.obstacle.text()) == (False, model.obstacle())
     column, unit = panel.columns["s1_mv"], panel.units["s1_mv"]

@@ -125,7 +125,7 @@ def demo(
     show_comparison(rows)
     notify(f"recording: {run}")
     if not no_report:
-        notify(f"shadow: measured tip within {content['shadow']['largest_deviation_mm']:.2f} mm of the nominal model")
+        notify(f"shadow: readings within {content['shadow']['largest_deviation_mm']:.2f} mm of the nominal model")
         notify(f"reports: {', '.join(str(path) for path in content['reports'])}")
 
 

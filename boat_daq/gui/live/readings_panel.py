@@ -113,7 +113,11 @@ class ReadingBar(QFrame):
         if self._doubted is not None and self._doubted != (step, text):
             self._doubted = None
         again = f": Enter again to take {text.strip()}" if self._doubted is not None else ""
-        controls.set_text(self.question, f"\u25b2 {warning}{again}" if warning else self._due)
+        without_cycle = self._due.rpartition(", ")[0]  # which the line of the run names, too
+        if warning:
+            controls.set_text(self.question, f"\u25b2 {warning}{again}")
+        else:
+            controls.set_text(self.question, self._due, shorter=without_cycle)
         controls.set_state(self.question, "warning" if warning else "")
         if self.field.accessibleDescription() != warning:
             self.field.setAccessibleDescription(warning)

@@ -42,10 +42,11 @@ Box = TypeVar("Box", bound=QBoxLayout)
 class ElidedLabel(QLabel):
     """A label that is cut with an ellipsis where it does not fit, and never widens its page.
 
-    `least` is the width that it asks for, where its text is not shorter.
+    `least` is its smallest width, where its text is not shorter; `shorter` is shown before the text is cut.
     """
 
     least = 0
+    shorter = ""
     explanation = ""
 
     def explain(self, words: str) -> None:
@@ -58,10 +59,16 @@ class ElidedLabel(QLabel):
         hint = super().minimumSizeHint()
         return QSize(min(self.least, hint.width()), hint.height())
 
+    def fitting(self, width: int) -> str:
+        """Return what is shown in a width: the text, else the shorter one, else either cut."""
+        fits = self.fontMetrics().horizontalAdvance(self.text()) <= width
+        text = self.text() if fits else self.shorter or self.text()
+        return self.fontMetrics().elidedText(text, Qt.TextElideMode.ElideRight, width)
+
     def paintEvent(self, event: QPaintEvent) -> None:
-        """Draw the text, cut where it must be; the whole of it is then said on hover."""
+        """Draw the text, cut where it must be; the tooltip then shows the whole of it."""
         area = self.contentsRect()
-        shown = self.fontMetrics().elidedText(self.text(), Qt.TextElideMode.ElideRight, area.width())
+        shown = self.fitting(area.width())
         painter = QPainter(self)
         self.style().drawItemText(
             painter, area, int(self.alignment()), self.palette(), self.isEnabled(), shown, self.foregroundRole()
@@ -216,8 +223,10 @@ def surface(widget: QWidget, name: str, layout: QLayout) -> None:
     widget.setLayout(layout)
 
 
-def set_text(widget: Any, text: str) -> None:
-    """Set a text only where it differs: an unchanged label costs no layout."""
+def set_text(widget: Any, text: str, *, shorter: str = "") -> None:
+    """Set a text only where it differs: an unchanged label costs no layout; `shorter` as `ElidedLabel`."""
+    if isinstance(widget, ElidedLabel):
+        widget.shorter = shorter
     if widget.text() != text:
         widget.setText(text)
 

@@ -35,6 +35,9 @@ def test_reading_bar_keeps_its_place_during_a_run(running, qtbot):
     QApplication.processEvents()
     assert (bar.question.text(), bar.field.isReadOnly()) == ("At +20 kPa, unloading, cycle 1", False)
     assert plots.size() == before
+    whole = bar.question.sizeHint().width()
+    assert bar.question.fitting(whole) == bar.question.text()
+    assert bar.question.fitting(whole - 5) == "At +20 kPa, unloading"
 
 
 def test_keyboard_returns_to_the_reading_field(running, qtbot):

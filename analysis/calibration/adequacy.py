@@ -12,13 +12,13 @@ GUM F.2.4.5.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy import special, stats
+from scipy import optimize, special, stats
 
 from analysis.calibration.curve_choice import DEGREES, SPLINE, curve_name
 from analysis.calibration.joint_fit import (
@@ -70,7 +70,8 @@ class Adequacy:
     """The verdict on a curve; `p_value` is NaN if nothing was left to test it by.
 
     `preferred` predicts best, or is its simpler equal; `averaged` holds (weight, curve) of the reference, the chosen
-    curve alone without a suspicion; `remainder` is the rms deviation of the chosen curve, in the unit of y.
+    curve alone without a suspicion; `remainder` is the rms deviation of the chosen curve, in the unit of y: of an
+    adequate curve what the test leaves room for, with `limits_percent` (95 %); NaN without a test.
     """
 
     verdict: CurveVerdict
@@ -81,6 +82,7 @@ class Adequacy:
     averaged: tuple[tuple[float, JointFit], ...]
     remainder: float
     remainder_percent: float
+    limits_percent: tuple[float, float] = (float("nan"), float("nan"))
 
     @property
     def refused(self) -> bool:
@@ -102,7 +104,9 @@ class Adequacy:
             else f"p {'< 0.001' if self.p_value < 0.001 else f'= {self.p_value:.2g}'}"
         )
         if self.verdict is CurveVerdict.ADEQUATE:
-            return f"the position means deviate from the curve no more than their scatter and reading allow ({chance})"
+            most = self.limits_percent[1]
+            bound = f"; a lack of fit is at most {most:.2g} % FSO" if np.isfinite(most) else ""
+            return f"the position means deviate from the curve no more than scatter and reading allow ({chance}){bound}"
         better = f"; {curve_name(self.preferred.name)} predicts better" if self.reference is not self.chosen else ""
         size = f"{self.remainder:.2g} mV rms, {self.remainder_percent:.2g} % FSO"
         return f"the curve misses the position means by {size} beyond their scatter ({chance}){better}"
@@ -197,21 +201,23 @@ def judge_curve(chosen: JointFit) -> Adequacy:
     preferred = preferred_candidate(candidates)
     richer = preferred.fit.basis.complexity > chosen.basis.complexity
     richest = max((c.fit for c in candidates if c.name != SPLINE), key=lambda fit: fit.basis.complexity)
-    p_value = lack_of_fit_p(chosen, preferred.fit if richer else richest)
+    tested = lack_of_fit_test(chosen, preferred.fit if richer else richest)
+    p_value, limits = tested.p_value, (float("nan"), float("nan"))
     low, high = chosen.ends
     at = np.linspace(low, high, _CURVE_POINTS)
     apart = chosen.predict(at) - preferred.fit.predict(at)
-    remainder = float(np.sqrt(np.mean(apart**2))) if richer else chosen.misfit_sd or chosen.between_positions_sd()
+    remainder = float(np.sqrt(np.mean(apart**2))) if richer else tested.rms
     full_scale = abs(float(preferred.fit.predict(high) - preferred.fit.predict(low)))
-    percent = 100.0 * remainder / full_scale if full_scale > 0 else 0.0
+    per_mv = 100.0 / full_scale if full_scale > 0 else 0.0
     if not p_value < DOUBTFUL:  # also where nothing was left to test by
-        verdict, remainder, percent = CurveVerdict.ADEQUATE, 0.0, 0.0
-    elif richer and p_value < INADEQUATE and percent > NOTICED_PERCENT:
+        verdict, remainder, limits = CurveVerdict.ADEQUATE, tested.rms, tested.limits()
+    elif richer and p_value < INADEQUATE and remainder * per_mv > NOTICED_PERCENT:
         verdict = CurveVerdict.INADEQUATE
     else:
         verdict = CurveVerdict.DOUBTFUL
     averaged = _averaged(chosen, candidates) if p_value < SUSPECTED else ((1.0, chosen),)
-    return Adequacy(verdict, p_value, chosen, preferred, candidates, averaged, remainder, percent)
+    percent, ends = remainder * per_mv, (limits[0] * per_mv, limits[1] * per_mv)
+    return Adequacy(verdict, p_value, chosen, preferred, candidates, averaged, remainder, percent, ends)
 
 
 def _averaged(chosen: JointFit, candidates: Sequence[Candidate]) -> tuple[tuple[float, JointFit], ...]:
@@ -223,34 +229,71 @@ def _averaged(chosen: JointFit, candidates: Sequence[Candidate]) -> tuple[tuple[
     return tuple((float(w), c.fit) for w, c in zip(weights / weights.sum(), among, strict=True))
 
 
-def lack_of_fit_p(chosen: JointFit, richer: JointFit) -> float:
-    """Return the p-value of the lack of fit; NaN if nothing is left to test by.
+@dataclass(frozen=True, slots=True)
+class LackOfFitTest:
+    """An F test of a lack of fit of `dof` and `within` degrees of freedom; `unit` is the rms of y that makes F 1.
 
-    The position means are tested by their scatter and reading, together and by the gain of a `richer` curve: the lesser
-    of two p (Sidak; twice it would be 1 for many sound runs). If hardly one was read twice, or the loop has another
-    shape: the gain against what is left.
+    NaN if nothing is left to test by.
+    """
+
+    p_value: float = float("nan")
+    ratio: float = float("nan")
+    dof: int = 0
+    within: int = 0
+    unit: float = float("nan")
+
+    @property
+    def rms(self) -> float:
+        """What this F shows beyond chance, as the mean of the noncentral F distribution."""
+        shift = self.dof * (self.ratio * max(self.within - 2, 1) / max(self.within, 1) - 1.0)
+        return self.unit * float(np.sqrt(max(shift, 0.0) / self.dof)) if self.dof else float("nan")
+
+    def limits(self) -> tuple[float, float]:
+        """Return the 95 % limits of the rms; of an F that may be chance, as others exceed what can be computed."""
+        if not self.dof:
+            return float("nan"), float("nan")
+        given, found = (self.ratio, self.dof, self.within), []
+        for wanted in (0.975, 0.025):
+            most = 0.0 if stats.f.cdf(*given) <= wanted else self.dof * (1.0 + self.ratio)
+            while most and stats.ncf.cdf(*given, most) > wanted:
+                most *= 2.0
+            least = 1e-9 * most  # scipy gives NaN at zero
+            shift = optimize.brentq(lambda x, at=wanted: stats.ncf.cdf(*given, x) - at, least, most) if most else 0.0
+            found.append(self.unit * float(np.sqrt(shift / self.dof)))
+        return min(found[0], self.rms), max(found[1], self.rms)
+
+
+def lack_of_fit_test(chosen: JointFit, richer: JointFit) -> LackOfFitTest:
+    """Test the position means by their scatter and reading, together and by the gain of a `richer` curve.
+
+    Of the two p the lesser counts (Sidak; twice it would be 1 for many sound runs). If hardly one was read twice, or
+    the loop has another shape: the gain against what is left.
     """
     if chosen.dof < 1:
-        return float("nan")
+        return LackOfFitTest()
     means, known = chosen.means, bool(chosen.known_variance.min() > 0)
     gained = chosen.dof - richer.dof
     tested = known and means.dof >= max(richer.dof, 1)
     if tested and (not chosen.loop.size or loop_is_represented(richer)):
-        whole = _chance(chosen.chi_squared / chosen.dof, chosen.dof, means.dof)
+        weights = 1.0 / chosen.known_variance
+        whole = _tested(chosen.chi_squared, chosen.dof, means.dof, weights, 1.0)
         if gained < 1 or not means.independent:
             return whole
-        gain = float((chosen.residuals**2 - richer.residuals**2) @ (1.0 / chosen.known_variance))
-        return 1.0 - (1.0 - min(whole, _chance(gain / gained, gained, means.dof))) ** 2
+        gain = float((chosen.residuals**2 - richer.residuals**2) @ weights)
+        least = min(whole, _tested(gain, gained, means.dof, weights, 1.0), key=lambda one: one.p_value)
+        return replace(least, p_value=1.0 - (1.0 - least.p_value) ** 2)
     weights = 1.0 / richer.variance if known else np.ones_like(richer.residuals)
     before, left = (float(weights @ fit.residuals**2) for fit in (chosen, richer))
     if gained < 1 or richer.dof < 1 or not left > 0:
-        return float("nan")
-    return _chance((before - left) / gained / (left / richer.dof), gained, richer.dof)
+        return LackOfFitTest()
+    return _tested(before - left, gained, richer.dof, weights, left / richer.dof)
 
 
-def _chance(ratio: float, dof: int, within: int) -> float:
-    """Return the chance of a greater F."""
-    return float(stats.f.sf(max(ratio, 0.0), dof, within))
+def _tested(squares: float, dof: int, within: int, weights: FloatArray, variance: float) -> LackOfFitTest:
+    """Return the test of a sum of weighted squares, whose terms have such a variance."""
+    ratio = max(squares, 0.0) / dof / variance
+    unit = float(np.sqrt(variance * dof / weights.sum()))
+    return LackOfFitTest(float(stats.f.sf(ratio, dof, within)), ratio, dof, within, unit)
 
 
 def expanded(

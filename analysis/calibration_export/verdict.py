@@ -204,8 +204,8 @@ def _doubts(analysis: Analysis, u_mm: float) -> tuple[str, ...]:
             continue
         low, high = calibration.x_range
         noticed_mv = _MOST_OF_U * float(np.nanmedian(u[:, 1])) * calibration.full_scale / (high - low)
-        if calibration.adequacy is not None and calibration.adequacy.verdict is CurveVerdict.INADEQUATE:
-            found.append(f"the curve of {name} is inadequate")
+        if calibration.adequacy is not None and calibration.adequacy.verdict is not CurveVerdict.ADEQUATE:
+            found.append(f"the curve of {name} is {calibration.adequacy.verdict}")
         if sensor.settling.most_mv > noticed_mv:
             found.append(f"the holds of {name} are not settled")
         elif abs(sensor.drift_mv) > noticed_mv:

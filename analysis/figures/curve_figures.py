@@ -222,9 +222,11 @@ def nonlinearity(curves: CurveDraws) -> Figure:
 
 def lack_of_fit(adequacy: Adequacy | None, n: int) -> Figure:
     """Rms by which the curve misses the position means beyond chance, % FSO, with the verdict; of `n` readings."""
-    definition = "rms of the curve less the preferred curve / FSO; 0 where the lack of fit is no more than chance"
+    definition = "rms of the curve less the preferred curve / FSO; of an adequate curve what the F test leaves room for"
     if adequacy is None:
         return Figure.nothing("% FSO", Reason.FEW_POSITIONS, "too few positions to test the curve", definition)
     note = f"{adequacy.verdict}: {adequacy.sentence}"
-    reason = REASONS[adequacy.verdict]
-    return Figure(adequacy.remainder_percent, "% FSO", n, note=note, definition=definition, reason=reason)
+    if not np.isfinite(adequacy.remainder_percent):
+        return Figure.nothing("% FSO", Reason.FEW_POSITIONS, "no position is left to test the curve by", definition)
+    reason, value = REASONS[adequacy.verdict], adequacy.remainder_percent
+    return Figure(value, "% FSO", n, *adequacy.limits_percent, note=note, definition=definition, reason=reason)

@@ -77,8 +77,11 @@ class Conversion:
         return self.fusion.u_stand_in
 
     def named(self, calibration: str) -> str:
-        """Return the name of its calibration with a mark where U rests on a stand-in."""
-        return f"{calibration}, U with a stand-in" if self.stand_in else calibration
+        """Return the name of its calibration with a mark where U rests on a stand-in, or a curve misses readings."""
+        fits = (inverse.calibration for inverse in self.fusion.inverses)
+        verdicts = {str(fit.adequacy.verdict) for fit in fits if fit is not None and fit.adequacy is not None}
+        worst = next((f"curve {one}" for one in ("inadequate", "doubtful") if one in verdicts), "")
+        return ", ".join(filter(None, (calibration, worst, "U with a stand-in" if self.stand_in else "")))
 
     @property
     def sensors(self) -> int:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from analysis.calibration.adequacy import Adequacy, CurveVerdict, expanded, judge_curve, lack_of_fit_p
+from analysis.calibration.adequacy import Adequacy, CurveVerdict, LackOfFitTest, expanded, judge_curve, lack_of_fit_test
 from analysis.calibration.fit import Calibration
 from analysis.calibration.inverse import Inverse
 from analysis.calibration.joint_fit import PolynomialBasis, PositionMeans, joint_fit
@@ -116,7 +116,21 @@ def test_chance_is_the_f_test_of_the_means_by_hand() -> None:
     line = joint_fit(means, PolynomialBasis(1), 0)
     # the residuals are y itself: it is orthogonal to a constant and to x, so chi-squared is 4 with 2 degrees of freedom
     assert line.chi_squared == pytest.approx(4.0)
-    assert lack_of_fit_p(line, line) == pytest.approx(stats.f.sf(2.0, 2, 8))
+    found = lack_of_fit_test(line, line)
+    assert found.p_value == pytest.approx(stats.f.sf(2.0, 2, 8))
+    assert found.unit == pytest.approx(np.sqrt(0.5))  # this rms of the four means makes the mean of F twice as large
+
+
+@pytest.mark.parametrize(("shift", "rms"), [(0.0, 0.0), (6.0, 0.5), (30.0, 1.118)])
+def test_limits_of_a_lack_of_fit_hold_it(shift: float, rms: float) -> None:
+    """100 noncentral F of 12 and 60 degrees of freedom, 24 means: the limits hold the rms in 91 % or more."""
+    rng, held = np.random.default_rng(4), 0
+    for _ in range(100):
+        about = stats.norm.rvs(size=12, random_state=rng) + np.sqrt(shift / 12)
+        ratio = float(about @ about) / 12 / (stats.chi2.rvs(60, random_state=rng) / 60)
+        low, high = LackOfFitTest(0.5, ratio, 12, 60, np.sqrt(12 / 24)).limits()
+        held += low <= rms <= high + 1e-3
+    assert held >= 91
 
 
 def test_expanded_uncertainty_about_a_deviation() -> None:

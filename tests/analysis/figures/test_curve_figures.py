@@ -116,10 +116,12 @@ def test_curve_figures_hold_those_of_the_curve_it_may_deviate_from() -> None:
 
 
 def test_lack_of_fit_is_that_of_the_adequacy() -> None:
-    """The remainder in %, with the verdict; without one the reason."""
-    adequacy = SimpleNamespace(verdict=CurveVerdict.INADEQUATE, sentence="it bends", remainder_percent=2.5)
-    found = lack_of_fit(adequacy, 37)
-    assert (found.value, found.n, found.reason) == (2.5, 37, Reason.INADEQUATE)
+    """The remainder in %, with its limits and the verdict; without one, or without a test, the reason."""
+    given = {"verdict": CurveVerdict.INADEQUATE, "sentence": "it bends", "remainder_percent": 2.5}
+    found = lack_of_fit(SimpleNamespace(**given, limits_percent=(1.0, 3.0)), 37)
+    assert (found.value, found.low, found.high, found.n, found.reason) == (2.5, 1.0, 3.0, 37, Reason.INADEQUATE)
+    untested = lack_of_fit(SimpleNamespace(**given | {"remainder_percent": np.nan}), 37)
+    assert untested.void == "no position is left to test the curve by"
     assert found.note == "inadequate: it bends"
     assert lack_of_fit(None, 37).reason is Reason.FEW_POSITIONS
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from analysis import Options, Recording, analyse
+from analysis.calibration.adequacy import CurveVerdict
 from analysis.calibration.record import CalibrationRecord, SensorRecord
 from analysis.calibration.type_b import ONE_CYCLE, contributions
 from analysis.calibration_export.calibration_file import CalibrationFile, read_calibration
@@ -18,6 +20,7 @@ from analysis.calibration_export.forms import calibration_text
 from analysis.calibration_export.run_record import calibration_record
 from analysis.calibration_export.verdict import verdict_of
 from analysis.certificates.certificate import Request, certificate_of
+from analysis.certificates.document import certificate_document
 from analysis.certificates.laboratory import Laboratory
 from analysis.data.export import samples_frame
 from analysis.figures.pipeline import Analysis
@@ -25,6 +28,8 @@ from analysis.figures.uncertainty import signal_parts
 from analysis.numbers import finite
 from analysis.reports.run_section import budget as budget_section
 from analysis.stopping.criterion import assess_calibration
+from boat_daq.viewmodels.results.figure_tables import verdict_rows
+from boat_daq.workflows.live_conversion import Conversion
 from protocol.base.errors import DataError
 from tests.analysis.boat_builder import Plant, Staircase
 
@@ -281,6 +286,33 @@ def test_a_stated_stand_in_gives_u_and_is_named_wherever_it_is(
     assert any("stated stand-in" in text for text in made.items[0].warnings)
     other = next(each for each in STATED if each != key)
     assert not np.isfinite(stated(runs, name, tmp_path, other).budgets.budgets[0].u)  # type: ignore[union-attr]
+
+
+def judged(run: Analysis, curve: CurveVerdict) -> Analysis:
+    """Return a run whose curves are judged so."""
+    fits = [sensor.calibration for sensor in run.sensors]
+    assert all(fit is not None and fit.adequacy is not None for fit in fits)
+    fits = [replace(fit, adequacy=replace(fit.adequacy, verdict=curve)) for fit in fits]  # type: ignore[union-attr,type-var]
+    return replace(run, sensors=tuple(replace(s, calibration=f) for s, f in zip(run.sensors, fits, strict=True)))
+
+
+@pytest.mark.parametrize("curve", [CurveVerdict.DOUBTFUL, CurveVerdict.INADEQUATE])
+def test_a_curve_that_misses_is_marked_wherever_u_is(runs: dict[str, Analysis], curve: CurveVerdict) -> None:
+    """Verdict (never green), JSON, report, window, certificate, exported code and file, and the live calibration."""
+    plain, analysis = judged(runs["two cycles"], CurveVerdict.ADEQUATE), judged(runs["two cycles"], curve)
+    verdict, said = verdict_of(analysis), f"curve of sensor 1 is {curve}"
+    assert (verdict_of(plain).state, verdict.state) == ("ok", "check")
+    assert said in str(verdict.headline)
+    assert verdict.as_json()["doubts"][0] == f"the {said}"
+    assert verdict_rows(analysis.sensors)[0][1][0] == curve
+    certificate = certificate_of([analysis], Request(Laboratory("Lab"), "C", ("SA1",)))
+    assert certificate.as_json()["items"][0]["sensors"][0]["verdict"] == curve
+    assert f"Curve {curve}." in repr(certificate_document(certificate))
+    file = CalibrationFile.of_run(analysis)
+    assert file.as_json()["sensors"][0]["adequacy"]["verdict"] == curve
+    for form in ("c", "matlab", "csv"):
+        assert f"s1: the curve is {curve}" in calibration_text(file, form)
+    assert Conversion(calibration_record(analysis).fusion()).named("SA1") == f"SA1, curve {curve}"
 
 
 def test_a_stand_in_that_is_not_needed_does_not_count(runs: dict[str, Analysis], tmp_path: Path) -> None:

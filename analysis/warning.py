@@ -84,8 +84,6 @@ class WarningCode(StrEnum):
     UNIT_GUESSED = "unit_guessed"
     UNIT_UNKNOWN = "unit_unknown"
     TIME_GUESSED = "time_guessed"
-    # of the lab's plugins
-    PLUGIN = "plugin"
     # of the full model
     COARSE_MESH = "coarse_mesh"
     # of a state of the shadow

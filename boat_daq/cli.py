@@ -29,7 +29,6 @@ _GROUPS = {  # in the order of --help: place of the command in `commands/`, a fu
         "demo": "Run a whole calibration on a virtual board",
         "board.ports": "List serial ports and find BOAT boards",
         "record": "Record a run, with a pressure plan or without",
-        "run_queue.queue": "Record several runs, one after the other",
         "serve": "Give live samples to other programs: LSL, SECoP",
         "board.board": "Run a virtual board, with faults to choose",
         "camera": "Measure the elongation by a camera",

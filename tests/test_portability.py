@@ -31,7 +31,6 @@ GUARDED = {  # each module that uses one, and what it does on Windows
     "boat_daq/engine/link/reader.py": "keeps the priority",
     "boat_daq/engine/log.py": "states no memory",
     "boat_daq/engine/outlets/lsl.py": "joins on every network",
-    "boat_daq/engine/plugins.py": "kills the plugin's process alone",
     "boat_daq/engine/qualification/drills.py": "leaves the drill out",
     "boat_daq/engine/qualification/result.py": "asks Python for processor and disk",
     "protocol/recording/writer_lock.py": "locks by msvcrt",

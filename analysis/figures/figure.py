@@ -217,21 +217,6 @@ def with_interval(figure: Figure) -> str:
     return f"{text} {figure.unit}"
 
 
-@dataclass(frozen=True, slots=True)
-class LabFigure:
-    """A figure of a lab's own plugin: a value for each sensor, or one for the unit."""
-
-    label: str
-    unit: str
-    values: tuple[float, ...]
-    plugin: str
-
-    @property
-    def label_with_unit(self) -> str:
-        """Label and unit."""
-        return f"{self.label}, {self.unit}" if self.unit else self.label
-
-
 class SensorFigures(Protocol):
     """The figures of one sensor, by key."""
 

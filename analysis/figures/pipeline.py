@@ -8,7 +8,7 @@ is void with a reason and the rest is computed; the same run, options and seed g
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from analysis.data.load import load_recording
 from analysis.data.recording import Recording
 from analysis.fidelity import fidelity
 from analysis.figures.across_breaks import compare_breaks, of_cycles, parts_of
-from analysis.figures.figure import Figure, LabFigure, Reason, figure_frame, summary_html, summary_text
+from analysis.figures.figure import Figure, Reason, figure_frame, summary_html, summary_text
 from analysis.figures.intervals import unsettled
 from analysis.figures.loop_figures import hysteresis, joint_hysteresis, with_what_lies_between
 from analysis.figures.reading_check import CheckedReading, checked_readings, without_wrong_readings
@@ -62,7 +62,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Analysis(AnalysedRun):
-    """All figures of one run; `lab_figures` are those of the lab's plugins, computed elsewhere.
+    """All figures of one run.
 
     `budgets` are of an elongation in the middle of the calibrated range; `u_elongation` of each sensor [points, 2] x
     and U, mm; `parts` those that differ over a break, `sensors` the largest's; `checked` the readings to be checked, or
@@ -78,7 +78,6 @@ class Analysis(AnalysedRun):
     u_reason: tuple[str, ...]
     parts: tuple[Part, ...]
     camera: CameraFigures | None = None
-    lab_figures: tuple[LabFigure, ...] = ()
     checked: tuple[CheckedReading, ...] = ()
 
     def __repr__(self) -> str:
@@ -144,7 +143,6 @@ class Analysis(AnalysedRun):
                 "mean": self.actuator_hysteresis.value,
                 "per_cycle": list(self.actuator_hysteresis_per_cycle),
             },
-            "lab_figures": [asdict(figure) for figure in self.lab_figures],
             "derived": _derived_json(recording, self.plateaus),
             "system_figures": {key: figure.as_json() for key, figure in self.system_figures.items()},
             "flags": [warning.as_flag() for warning in self.warnings],

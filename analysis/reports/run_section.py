@@ -60,7 +60,7 @@ def curves(analysis: Analysis) -> list[SectionPart]:
 def other_figures(analysis: Analysis) -> Section:
     """Return the section with all figures that are no key figures, and what is undefined or lost."""
     others = tuple(key for key in SENSOR_FIGURES if key not in KEY_FIGURES)
-    tables = (*_figure_tables(analysis, others), *_unit_table(analysis), *_lab_table(analysis))
+    tables = (*_figure_tables(analysis, others), *_unit_table(analysis))
     return Section("Other figures", (*tables, _DEFINITIONS, *_lost(analysis), *undefined(analysis)))
 
 
@@ -83,19 +83,6 @@ def _figure_tables(analysis: Analysis, keys: Sequence[str]) -> list[ReportTable]
 def _pairs(analysis: Analysis) -> list[range]:
     count = len(analysis.sensors)
     return [range(at, min(at + 2, count)) for at in range(0, count, 2)]
-
-
-def _lab_table(analysis: Analysis) -> list[ReportTable]:
-    """The figures of the lab's plugins, beside ours; none without plugins."""
-    sensors = max((len(figure.values) for figure in analysis.lab_figures), default=0)
-    heads = [f"Sensor {i}" for i in range(1, sensors + 1)] if sensors > 1 else ["value"]
-    rows = [
-        (f.label_with_unit, *(f"{v:.4g}" if np.isfinite(v) else NOTHING for v in f.values),
-         *[""] * (sensors - len(f.values)), f.plugin)
-        for f in analysis.lab_figures
-    ]  # fmt: skip
-    caption = "Computed by plugins of the laboratory, not by boat-daq."
-    return [ReportTable(("Figure of the laboratory", *heads, "plugin"), tuple(rows), caption)] if rows else []
 
 
 def _conformity_tables(analysis: Analysis, verdict: Verdict) -> list[ReportTable]:

@@ -73,7 +73,6 @@ def analyze(
     from analysis.segmentation.plateaus import shorter_settling_s
     from boat_daq.commands.importing import column_map
     from boat_daq.workflows.calibration_in_force import stated_contributions
-    from boat_daq.workflows.run_analysis import with_plugins
 
     limits = limits_of(limit)
     recording = load_recording(run, columns=column_map(mapping) or None)
@@ -100,7 +99,6 @@ def analyze(
     conformity = conformity_json(analysis, limits)
     if not no_store:
         _store(run, analysis, elongation)
-    analysis = with_plugins(analysis, str(run))
     verdict = verdict_of(analysis, limits)
     shadow = None if no_shadow else _shadow(analysis)
     if settling_s := shorter_settling_s(analysis.plateaus, options.plateau):
@@ -196,9 +194,6 @@ def _show(analysis: Analysis, limits: Mapping[str, float]) -> None:
             for name, first in sensors[0].figures.items()  # their names end in the unit
         ),
     )
-    if analysis.lab_figures:
-        rows = ([f.label_with_unit, *(f"{v:.4g}" for v in f.values), f.plugin] for f in analysis.lab_figures)
-        show_table(["figure of the laboratory, plugin last"], rows)
     for sentence in void_sentences([*((s.name, s.figures) for s in sensors), ("system", analysis.system_figures)]):
         show(sentence)
     _show_sensors(analysis)
@@ -341,7 +336,6 @@ def report(
     from analysis.figures.against_shadow import against_shadow
     from analysis.progress import part_of
     from boat_daq.workflows.calibration_in_force import stated_contributions
-    from boat_daq.workflows.run_analysis import with_plugins
     from protocol.base.units import ShownUnits
 
     try:
@@ -357,8 +351,7 @@ def report(
             recording = load_recording(run)
             stated = replace(options, type_b=stated_contributions(recording))
             part = part_of(advance, number, 1, len(runs) + 1)
-            found = analyse(recording, files[number % len(files)], options=stated, progress=part)
-            analyses.append(with_plugins(found, str(run)))
+            analyses.append(analyse(recording, files[number % len(files)], options=stated, progress=part))
         compared = len(analyses) == 1 and analyses[0].kind == "calibration" and not no_shadow
         shadow = against_shadow(analyses[0]) if compared else None
         setting = part_of(advance, len(runs), 1, len(runs) + 1)

@@ -117,7 +117,6 @@ class MessageKind(enum.StrEnum):
     SINK_FAILED = "sink_failed"
     CAMERA = "camera"
     DERIVED = "derived"
-    PLUGIN = "plugin"
     MARK = "mark"
 
 

@@ -1,9 +1,8 @@
-"""Analyse a recording with its unit's contributions, the curve that it was accepted with and the lab's plugins."""
+"""Analyse a recording with its unit's contributions and the curve that it was accepted with."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +10,6 @@ import numpy as np
 
 from analysis.fidelity import Level
 from analysis.progress import Progress
-from boat_daq.engine.plugins import FIGURES, HOOKS, installed, lab_figures, run_hooks
 from boat_daq.workflows.calibration_in_force import chosen_curve, stated_contributions
 
 if TYPE_CHECKING:
@@ -47,29 +45,7 @@ def analysed_run(
     recording = load_recording(path)
     type_b = stated_contributions(recording)
     options = Options(chosen_curve(recording, curve), fidelity=level, mcmc=mcmc, type_b=type_b)
-    return with_plugins(
-        analyse(recording, elongation or readings_beside(path), options=options, progress=progress), str(path)
-    )
-
-
-def with_plugins(analysis: Analysis, run: str) -> Analysis:
-    """Return an analysis with the figures of the lab's plugins, and a warning for each plugin that failed."""
-    from analysis.figures.figure import LabFigure
-    from analysis.numbers import finite
-    from analysis.warning import Warning, WarningCode
-
-    failures: list[Warning] = []
-
-    def warn(cause: str, remedy: str) -> None:
-        failures.append(Warning(WarningCode.PLUGIN, "", f"{cause}; {remedy}"))
-
-    if installed(FIGURES):
-        found = lab_figures(run, finite(analysis.to_json()), warn)
-        figures = tuple(LabFigure(f["label"], f["unit"], tuple(f["values"]), f["plugin"]) for f in found)
-        analysis = replace(analysis, lab_figures=figures)
-    if installed(HOOKS):
-        run_hooks("analysis_done", {"run": run, "analysis": finite(analysis.to_json())}, warn)
-    return replace(analysis, warnings=(*analysis.warnings, *failures)) if failures else analysis
+    return analyse(recording, elongation or readings_beside(path), options=options, progress=progress)
 
 
 def count_plateaus(found: Analysis) -> tuple[int, int]:

@@ -1,6 +1,6 @@
 """One session without a window: connect, record, run a plan or only record, and end with the pressure vented.
 
-Used by `record`, `queue`, `twin hold` and `demo`. The session decides and acts; this module waits, and reports progress
+Used by `record`, `twin hold` and `demo`. The session decides and acts; this module waits, and reports progress
 and messages.
 """
 
@@ -26,7 +26,7 @@ from boat_daq.engine.session.camera_channel import FAULT_TEXTS, REST_S, CameraCh
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.session.shared_vent import SharedVent
 from boat_daq.engine.settings import home
-from boat_daq.engine.snapshot import LinkState, MessageKind, SessionSnapshot, SessionState
+from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.workflows.end_at_uncertainty import EndUncertainty, EnoughCycles
 from boat_daq.workflows.session_messages import MessagePrinter, Notify
 from boat_daq.workflows.unit_control import regulator_of
@@ -145,9 +145,6 @@ def run_session(
             camera.close()
         shared.close()
         session.close()
-        for message in session.snapshot().messages:
-            if message.kind is MessageKind.PLUGIN:
-                notify(f"warning: {message.cause}; {message.remedy}")
     at_end = None
     if enough is not None and request.plan is not None:
         at_end = enough.at_end(request.path, request.plan)

@@ -44,6 +44,7 @@ _STANDING_RESULTS = """
     SELECT id FROM result WHERE id > ?
     AND coalesce(julianday(utc) >= (SELECT max(julianday(utc)) FROM reading), 1)
     AND coalesce(julianday(utc) >= julianday(?), 1) ORDER BY id"""
+_GONE = {"lab_figures"}  # keys of results of older programs
 _WORDING = {"calibration_void", "definition", "note", "notes", "text", "void"}  # keys of a result that hold texts
 
 
@@ -251,11 +252,12 @@ def _stored_result(db: sqlite3.Connection, number: int) -> StoredResult:
     sql = "SELECT kind, program_version, seed, parameters, content FROM result WHERE id = ?"
     kind, version, seed, parameters, content = db.execute(sql, (number,)).fetchone()
     try:
-        tables = json.loads(parameters), json.loads(content)
+        tables = [json.loads(parameters), json.loads(content)]
     except (ValueError, RecursionError) as error:
         raise _Difference(f"result {number} ({kind}) cannot be read: {error}") from error
     if not all(isinstance(table, dict) for table in tables):
         raise _Difference(f"result {number} ({kind}) is not a table of values")
+    tables[1] = {key: value for key, value in tables[1].items() if key not in _GONE}
     return StoredResult(number, kind, version, seed, *tables)
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable
 
 from boat_daq.engine.control.sequencer import ControlEvent, SegmentBreak, StepChanged
 from boat_daq.engine.log import note
@@ -32,7 +31,6 @@ class Journal:
         self.steps: dict[int, StepMark] = {}
         self.readings: list[Reading] = []
         self.ended: RunEnding | None = None  # the recording's last run
-        self.warned: Callable[[MessageKind, str, str], None] = lambda *_: None  # called with each warning
         self._last = 0
         self._late = False
 
@@ -63,8 +61,6 @@ class Journal:
 
     def tell(self, kind: MessageKind, level: str, cause: str, remedy: str = "", command: str = "") -> None:
         """Add a message for the operator, and log it."""
-        if level != "info" and kind is not MessageKind.PLUGIN:
-            self.warned(kind, cause, remedy)
         self._last += 1
         note(level, f"{kind}: {cause}" + (f" (try: {remedy})" if remedy else ""))
         self.messages.append(Message(self._last, kind, level, cause, remedy, time.monotonic_ns(), command))

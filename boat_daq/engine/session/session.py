@@ -22,7 +22,6 @@ from boat_daq.engine.control.preflight import Check
 from boat_daq.engine.installation import shortcomings
 from boat_daq.engine.log import note
 from boat_daq.engine.plan import Plan, StepMark, load_plan
-from boat_daq.engine.plugins import Hooks
 from boat_daq.engine.recording.file import now_utc
 from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.session.active_recording import ActiveRecording
@@ -92,8 +91,6 @@ class Session:
             self.live.derived_columns,
         )
         self._health_log = HealthLog(self._health_line)
-        self._hooks = Hooks(self._plugin_failed)
-        self._journal.warned = self._warned
         self.virtual_board: BoardInThread | None = None
         self._report_backups()
         self._report_shortcomings()
@@ -258,9 +255,8 @@ class Session:
     def close(self) -> None:
         """Disconnect and end the threads; waits for them. The session is not used again."""
         self._link.end()
-        self._end_recording(RunEnd.STOPPED)
+        self.recording.end(RunEnd.STOPPED)
         self._health_log.stop()
-        self._hooks.close()
         if self.virtual_board is not None:
             self.virtual_board.close()
 
@@ -285,7 +281,7 @@ class Session:
         """
         self.stop()
         self.wait(lambda s: s.state is not SessionState.FINISHING or s.link is not LinkState.UP, VENTING_WAIT_S)
-        return self._end_recording(RunEnd.STOPPED)
+        return self.recording.end(RunEnd.STOPPED)
 
     # ---- the run ---------------------------------------------------------------------------------------------------
 
@@ -528,17 +524,7 @@ class Session:
             self.unit_under_test.remember_board(usb_serial)
 
     def _end_recording(self, end: RunEnd) -> Path | None:
-        path = self.recording.end(end)
-        if path is not None:
-            self._hooks.emit("recording_closed", run=str(path))
-        return path
-
-    def _warned(self, kind: MessageKind, cause: str, remedy: str) -> None:
-        self._hooks.emit("warning_raised", kind=str(kind), cause=cause, remedy=remedy)
-
-    def _plugin_failed(self, cause: str, remedy: str) -> None:
-        with self._lock:
-            self._journal.tell(MessageKind.PLUGIN, "warning", cause, remedy)
+        return self.recording.end(end)
 
     def _report_backups(self) -> None:
         """Warn that a backup replaces a stored file."""

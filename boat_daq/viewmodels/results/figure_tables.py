@@ -107,17 +107,6 @@ def verdict_rows(sensors: Sequence[SensorAnalysis]) -> list[tuple[Cell, ...]]:
     return [(("Curve", "Whether the curve follows the readings within their scatter"), *cells)] if any(found) else []
 
 
-def lab_rows(found: Analysis) -> list[tuple[Cell, ...]]:
-    """Return a row for each figure of the lab's plugins; one of the unit is shown with the first sensor."""
-    rows: list[tuple[Cell, ...]] = []
-    for figure in found.lab_figures:
-        tip = f"{figure.label_with_unit}\nComputed by the plugin {figure.plugin}, not by boat-daq"
-        values = [*figure.values, *[math.nan] * len(found.sensors)][: len(found.sensors)]
-        cells: list[Cell] = [(f"{value:.4g}" if math.isfinite(value) else NOTHING, tip) for value in values]
-        rows.append(((f"{figure.label}\n{figure.unit}, {figure.plugin}", tip), *cells))
-    return rows
-
-
 def uncertainty_rows(found: Analysis) -> tuple[tuple[Cell, ...], ...]:
     """Return the uncertainty of an elongation, the conformity with the published limits, and the budgets."""
     return (*_expanded_rows(found), *_limit_rows(found), *_component_rows(found))

@@ -26,7 +26,6 @@ from boat_daq.viewmodels.results.figure_tables import (
     RunFigure,
     break_result,
     figure_rows,
-    lab_rows,
     run_figures,
     uncertainty_rows,
     verdict_rows,
@@ -232,7 +231,6 @@ def _run_result(
         figures=(
             *figure_rows(found.sensors, signal_unit=run.signal_unit),
             *verdict_rows(found.sensors),
-            *lab_rows(found),
         ),
         key_figures=figure_rows(found.sensors, KEY_FIGURES, run.signal_unit, brief=True),
         loops=LoopSet(loops.numbers, loops.pressure_kpa, loops.elongation_mm, loops.signal_mv),

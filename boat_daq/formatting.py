@@ -57,9 +57,10 @@ def duration(seconds: float | None) -> str:
 
 
 def clock(seconds: float) -> str:
-    """Return an instant of the plots as `3:12.4`."""
+    """Return an instant of the plots as `3:12.4` or `1:03:12.4`."""
     minutes, tenths = divmod(round(10 * abs(seconds)), 600)
-    return f"{MINUS if seconds < 0 else ''}{minutes}:{tenths // 10:02d}.{tenths % 10}"
+    hours = f"{minutes // 60}:{minutes % 60:02d}" if minutes >= 60 else f"{minutes}"
+    return f"{MINUS if seconds < 0 else ''}{hours}:{tenths // 10:02d}.{tenths % 10}"
 
 
 def size_text(size: float) -> str:

@@ -27,6 +27,7 @@ from boat_daq.gui.widgets import controls
 T = TypeVar("T")
 _PICTURE = 720  # width of a picture of the tutorial, px
 SHEET = (("Session", "Edit"), ("Run", "View", "Results"), (PAGES, "Help"))  # the menus in columns
+SCATTERED = 3  # score of letters that are only in their order
 ARROWS = (Qt.Key.Key_Down, Qt.Key.Key_Up)
 NARROW_SHEET = (("Session", "Edit", "View"), ("Run", "Results", PAGES, "Help"))
 
@@ -37,6 +38,7 @@ class Palette(QDialog):
     def __init__(self, parent: QWidget, registry: Registry) -> None:
         super().__init__(parent, Qt.WindowType.Popup)
         self.over, self.registry = parent, registry
+        self.setObjectName("palette")
         self.setAccessibleName("Command palette")
         self.setFixedWidth(style.FORM_WIDTH)
         self.field = controls.field("Command", on_enter=self._run, placeholder="Type a command")
@@ -55,9 +57,10 @@ class Palette(QDialog):
         self.field.installEventFilter(self)
 
     def open_fresh(self) -> None:
-        """Show an empty palette under the header."""
+        """Show an empty palette in the middle of the window."""
         self.field.clear()
         self._match("")
+        self.adjustSize()  # else the first one is placed by the size of a new window
         self.move(self.over.mapToGlobal(self.over.rect().center()) - self.rect().center())
         self.show()
         self.field.setFocus()
@@ -151,13 +154,15 @@ def shown(command: Command) -> str:
 
 
 def ranked(typed: str, items: Iterable[T], text: Callable[[T], str]) -> list[T]:
-    """Return the items that match `typed`, best first: whole words' beginnings before letters in order.
+    """Return the items that match `typed`, best first: words' beginnings, letters inside; else letters in order.
 
     An empty `typed` returns all, in their order.
     """
     words = typed.lower().split()
     scored = [(value, item) for item in items if (value := score(words, text(item).lower())) is not None]
-    return [item for _, item in sorted(scored, key=lambda s: s[0])]
+    whole = any(value < SCATTERED for value, _ in scored)
+    kept = [(value, item) for value, item in scored if value < SCATTERED or not whole]
+    return [item for _, item in sorted(kept, key=lambda s: s[0])]
 
 
 def score(words: list[str], text: str) -> int | None:
@@ -170,7 +175,7 @@ def score(words: list[str], text: str) -> int | None:
         if word in text:
             total += 1
         elif in_order(word, text):
-            total += 3
+            total += SCATTERED
         else:
             return None
     return total

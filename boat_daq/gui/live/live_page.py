@@ -142,6 +142,7 @@ class FirstSteps(QScrollArea):
 
     def __init__(self, run: RunModel, services: Services) -> None:
         super().__init__()
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # it scrolls to the control that gets it
         self.recordings, attempt = services.recordings, services.notices.attempt
         self.trial = controls.button("Quick trial", partial(attempt, run.trial.start), "primary", tip=TRIAL)
         self.board = controls.button("Connect a board …", partial(services.show, Panel.CONNECT))
@@ -218,7 +219,8 @@ class LivePage(QWidget):
         self.marker = self._marker()
         self.head = self._head()
         self.frozen = self._frozen()
-        above = controls.column(self.frozen, (self.middle, 1), self.spans, spacing=style.GAP)
+        self.plots.bar.insertWidget(2, self.frozen, 1)
+        above = controls.column((self.middle, 1), self.spans, spacing=style.GAP)
         height = self.sequence.sizeHint().height()
         self.run_border = Divided(
             "run", services.preferences, controls.holder(above), self.sequence, height, below=True
@@ -268,7 +270,7 @@ class LivePage(QWidget):
         controls.set_state(mark, "warning")
         words = controls.label("The plots show the past. Sampling continues.", elide=True)
         frame, inside = controls.card(controls.row(mark, (words, 1), self.follow))
-        inside.setContentsMargins(style.CARD_PADDING, style.STEP, style.CARD_PADDING, style.STEP)
+        inside.setContentsMargins(style.GAP, 0, 0, 0)
         controls.set_state(frame, "warning", "level")
         frame.hide()
         return frame

@@ -12,7 +12,6 @@ from time import monotonic
 from typing import Any
 
 import numpy as np
-import pyqtgraph as pg
 from PySide6.QtCore import QEvent, QObject, QPointF, Qt, Signal
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QMenu
@@ -323,7 +322,6 @@ class LivePlots(PlotCard):
             if plot in self._hairs:
                 self._hairs[plot].setVisible(shown)
             if shown:
-                self._hairs[plot].label.fill = pg.mkBrush(self.theme.surface)
                 self._hairs[plot].label.setFormat(texts[plot])
                 self._hairs[plot].setValue(values["time_s"])
 

@@ -69,7 +69,7 @@ class ReadingBar(QFrame):
         self.answer = controls.row(
             self.field, self.unit, self.left, None, self.simulated, self.all, self.photo, self.skip
         )
-        self.lines = controls.row(self.question, (self.answer, 1))
+        self.lines = controls.row((self.question, 1), self.answer)
         controls.as_card(self, self.lines)
         self.setMinimumWidth(1)
         self.hide()
@@ -112,12 +112,13 @@ class ReadingBar(QFrame):
         warning = self.run.readings.warning(step, text) if step is not None and text else ""
         if self._doubted is not None and self._doubted != (step, text):
             self._doubted = None
-        again = f": Enter again to take {text.strip()}" if self._doubted is not None else ""
         without_cycle = self._due.rpartition(", ")[0]  # which the line of the run names, too
         if warning:
-            controls.set_text(self.question, f"\u25b2 {warning}{again}")
+            why = warning.partition("? ")[2]  # the field shows what is typed
+            controls.set_text(self.question, f"\u25b2 {warning}", shorter=f"\u25b2 {why}")
         else:
             controls.set_text(self.question, self._due, shorter=without_cycle)
+        self._show_unit()
         controls.set_state(self.question, "warning" if warning else "")
         if self.field.accessibleDescription() != warning:
             self.field.setAccessibleDescription(warning)
@@ -175,7 +176,8 @@ class ReadingBar(QFrame):
     def _show_unit(self) -> None:
         """Show the unit in which the field is typed."""
         unit = self.run.readings.unit
-        controls.set_text(self.unit, unit if self._short else f"{unit}, press Enter")
+        press = "press Enter" if self._doubted is None else "Enter again"
+        controls.set_text(self.unit, unit if self._short and self._doubted is None else f"{unit}, {press}")
         self.field.setAccessibleName(f"Elongation in {unit}")
 
     def enter(self) -> None:

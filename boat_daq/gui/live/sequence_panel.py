@@ -233,6 +233,7 @@ class PlanForm(QScrollArea):
         self._revision: tuple[object, ...] = ()
         self.units: list[tuple[QLabel, str]] = []
         self.setWidgetResizable(True)
+        self.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # it scrolls to the control that gets it
         self.setAccessibleName("Plan, manual pressure and elongation")
         layout = controls.column(
             self._plan_card(), self._pressure_card(), self._elongation_card(), None, spacing=style.GAP

@@ -25,7 +25,8 @@ from boat_daq.viewmodels.live import axis
 from protocol.base.units import MINUS, Shown, as_text
 
 CACHED_LABELS = 500
-_OVER = 0.1  # of a label's height, which may be outside the axis above and below it, as in pyqtgraph
+_OVER = 0.1  # of a label's height, which may be outside the area of the axis
+_BEYOND = 5.0  # pixels of that area above and below an upright axis: labels at its ends reach into the gap
 ON_TICK = 1e-9  # of a step
 LOG_LABELS = 7
 GRID_BEYOND, GRID_LONGEST = 2.0, 50.0  # of what is shown: lines of the grid are longer on either side; at most so long
@@ -154,7 +155,8 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
     def boundingRect(self) -> QRectF:
         """Return the area of the axis; computed once for each arrangement."""
         if self._around is None or self._around[0] != self.geometry():
-            self._around = (self.geometry(), self._area())
+            beyond = _BEYOND if self.orientation != "bottom" else 0.0
+            self._around = (self.geometry(), self._area().adjusted(0.0, -beyond, 0.0, beyond))
         return QRectF(self._around[1])
 
     def paint(self, painter: QPainter, option: Any, widget: Any) -> None:

@@ -398,6 +398,7 @@ class Plot:
         text = label.replace("{", "{{").replace("}", "}}")  # pyqtgraph formats the label
         item = pg.InfiniteLine(pos=at, angle=90 if vertical else 0, movable=movable, label=text or None)
         if label:
+            item.setZValue(10)  # its text is in front of the data
             item.label.setFont(style.small_font())
             # below the upper edge on the side with space, or inside the right edge: visible on a small plot too
             item.label.anchors = [(0, 0), (1, 0)] if vertical else [(1, 0), (1, 1)]
@@ -600,6 +601,7 @@ class Plot:
                 item.setHoverPen(pg.mkPen(colour(theme), width=2, style=pen_style))
             if hasattr(item, "label"):
                 item.label.setColor(colour(theme))
+                item.label.fill = pg.mkBrush(theme.surface if item.label.format.strip() else None)
 
     def label_x(self, title: str, unit: str) -> None:
         """Label the lower axis with its values and title; leave both out without a title."""

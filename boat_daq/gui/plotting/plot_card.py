@@ -79,6 +79,7 @@ class PlotCard(QFrame):
 
     def _open_menu(self, at: QPoint) -> None:
         """Open the menu of the plot at a place of the view."""
+        self.view.scene().clickEvents.clear()  # whose release goes to the menu: the next drag would be one of it
         menu = QMenu(self)
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         add_exports(menu, *self._exports)

@@ -252,15 +252,22 @@ class LackOfFitTest:
         """Return the 95 % limits of the rms; of an F that may be chance, as others exceed what can be computed."""
         if not self.dof:
             return float("nan"), float("nan")
-        given, found = (self.ratio, self.dof, self.within), []
-        for wanted in (0.975, 0.025):
-            most = 0.0 if stats.f.cdf(*given) <= wanted else self.dof * (1.0 + self.ratio)
-            while most and stats.ncf.cdf(*given, most) > wanted:
-                most *= 2.0
-            least = 1e-9 * most  # scipy gives NaN at zero
-            shift = optimize.brentq(lambda x, at=wanted: stats.ncf.cdf(*given, x) - at, least, most) if most else 0.0
-            found.append(self.unit * float(np.sqrt(shift / self.dof)))
-        return min(found[0], self.rms), max(found[1], self.rms)
+        low, high = (self._shift_at(*given) for given in ((self.ratio, 0.975), (max(self.ratio, 1.0), 0.025)))
+        low, high = (self.unit * float(np.sqrt(shift / self.dof)) for shift in (low, high))
+        return min(low, self.rms), max(high, self.rms)  # an F below 1 shows no less than one of 1
+
+    def _shift_at(self, ratio: float, chance: float) -> float:
+        """Return the noncentrality by which F is below `ratio` with such a chance; 0 where it is less without one."""
+        if stats.f.cdf(ratio, self.dof, self.within) <= chance:
+            return 0.0
+        most = self.dof * (1.0 + ratio)
+        while stats.ncf.cdf(ratio, self.dof, self.within, most) > chance:
+            most *= 2.0
+
+        def beyond(shift: float) -> float:
+            return float(stats.ncf.cdf(ratio, self.dof, self.within, shift)) - chance
+
+        return float(optimize.brentq(beyond, 1e-9 * most, most))  # scipy gives NaN at zero
 
 
 def lack_of_fit_test(chosen: JointFit, richer: JointFit) -> LackOfFitTest:

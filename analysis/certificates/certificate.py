@@ -56,9 +56,9 @@ UNCERTAINTY = (
     "by the coverage factor k = 2 (GUM, JCGM 100:2008); for a normal distribution it covers about 95 %."
 )
 METHOD = (
-    "The actuator is driven through a staircase of pressures, up and down, for several cycles. At each plateau the "
-    "elongation is read from a reference scale and each sensor's signal is averaged after settling. The calibration "
-    "function is fitted to the means of the positions, loading and unloading jointly."
+    "The actuator is driven through a staircase of pressures for several cycles. At each plateau the elongation is "
+    "read from a reference scale and each sensor's signal is averaged after settling. The calibration function is "
+    "fitted jointly to the means of all positions."
 )
 
 ADJUSTMENT = "No adjustment or repair was made: the results apply to the item as found and as left."
@@ -123,6 +123,12 @@ class CalibratedSensor:
         """Return the decimals of a figure, or of a signal."""
         places = SENSOR_FIGURES[key].decimals if key else _SIGNAL_PLACES
         return max(0, places + self.more_places) if "_mv" in key or not key else places
+
+    @property
+    def only_branch(self) -> str:
+        """The branch of all levels between the ends, where no other was measured; else ""."""
+        found = {level.branch for level in self.levels} - {"end"}
+        return found.pop() if len(found) == 1 else ""
 
     @property
     def inadequate(self) -> bool:
@@ -223,6 +229,11 @@ class Certificate:
         """What is written across every page, beside SIMULATED."""
         inadequate = any(sensor.inadequate for item in self.items for sensor in item.sensors)
         return (*([NO_CERTIFICATE] if self.simulated else []), *([NOT_ADEQUATE] if inadequate else []))
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What a reader of the results must know, a sentence each."""
+        return tuple(f"{item.name}: {text}." for item in self.items for text in item.warnings)
 
     def as_json(self) -> dict[str, Any]:
         """Return the object of `certificate --json`; NaN are left for the writer to turn into null."""
@@ -358,6 +369,7 @@ def _item(
         type_b=analysis.options.type_b,
         warnings=(
             *(warning.sentence for warning in analysis.warnings),
+            *(f"{one.name}: only the {way} branch was measured" for one in sensors if (way := one.only_branch)),
             *(
                 f"{one.name}: {text}"
                 for i, one in enumerate(analysis.sensors)

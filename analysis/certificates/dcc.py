@@ -199,6 +199,8 @@ def _statements(parent: ET.Element, certificate: Certificate) -> None:
         _statement(parent, f"{item.name}: an elongation is {traced.text}.", traceable=traced.traceable)
         if item.previous:
             _statement(parent, f"{item.name}: the calibration before is of {item.previous[:10]}.", name="As found")
+    for remark in certificate.remarks:
+        _statement(parent, remark, name="Remark")
     if any(sensor.statements for item in certificate.items for sensor in item.sensors):
         _statement(parent, f"Decision rule: {RULE}.", norm="ILAC-G8:09/2019", reference="4.2.3")
 

@@ -98,10 +98,8 @@ def certificate_document(certificate: Certificate) -> Report:
     if any(sensor.statements for item in items for sensor in item.sensors):
         sections.append(Section("Conformity", _conformity(certificate)))
     sections.append(Section("As found and as left", (ADJUSTMENT, *_as_found(certificate))))
-    remarks = (
-        *(f"{item.name}: {text}." for item in items for text in item.warnings),
-        *(f"{item.name}, note: {item.metadata.note}" for item in items if item.metadata.note),
-    )
+    notes = (f"{item.name}, note: {item.metadata.note}" for item in items if item.metadata.note)
+    remarks = (*certificate.remarks, *notes)
     sections += [Section("Remarks", remarks)] if remarks else []
     sections.append(Section("Signature", _signature(certificate)))
     xml = Attachment("dcc.xml", dcc_xml(certificate), MIME_TYPE, "Digital Calibration Certificate 3.2.1")

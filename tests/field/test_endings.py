@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import subprocess
+import sys
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from analysis import load_recording
 from analysis.data.csv_import import import_csv
 from boat_daq.engine.snapshot import LinkState
 from boat_daq.workflows import run_session
@@ -16,6 +20,7 @@ from protocol.link.events import BoardRestarted, Samples
 from protocol.text.connection import TextConnection
 from protocol.text.profile import load_profile
 from protocol.text.proposal import propose
+from tests.boat_daq.commands.calls import program
 from tests.field.truth import Run
 
 PROFILE = """
@@ -35,10 +40,10 @@ def sent(unit: str, times: list[float]) -> tuple[list[float], bool]:
     """Return the times in which the lines of a board arrive, us, and whether it restarted; state is kept between."""
     profile = load_profile(PROFILE.format(unit))
     link, got, restarted = TextConnection(profile), [], False
-    for time in [times[0], *times]:  # the first line may be torn
+    for at in [times[0], *times]:  # the first line may be torn
         state = link.decoder_state()
         link = TextConnection(profile, decoder_state=state)
-        for event in link.receive(f"{time:.10g},1.5,1650.0\r\n".encode(), 0):
+        for event in link.receive(f"{at:.10g},1.5,1650.0\r\n".encode(), 0):
             got += event.array["time_us"].tolist() if isinstance(event, Samples) else []
             restarted |= isinstance(event, BoardRestarted)
     return got, restarted
@@ -111,6 +116,31 @@ def test_a_recording_ends_when_its_time_is_over(monkeypatch, reported: list[floa
     monkeypatch.setattr(run_session, "MessagePrinter", lambda notify: lambda seen: None)
     run_session._listen(board, 12.0, print, lambda name: contextlib.nullcontext(lambda done, of: None))
     assert board.now_s == ends_s
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize(("mode", "lasts_s", "restarts"), [("wrap", 30, False), ("restart", 9, True)])
+def test_the_boards_of_the_folder_are_recorded_for_the_stated_time(
+    shared_data: Path, tmp_path: Path, mode: str, lasts_s: int, *, restarts: bool
+) -> None:
+    """A clock that wraps after 5 s, and a restart after 4.5 s: 7 s are recorded, and a wrap is no restart."""
+    folder, port = shared_data / "field_cases", tmp_path / "port"
+    if not folder.is_dir():
+        pytest.skip("the folder of field cases is not beside this checkout")
+    with subprocess.Popen([sys.executable, str(folder / "m14_emulator.py"), mode, str(port), str(lasts_s)]) as board:
+        while not port.exists():
+            time.sleep(0.02)
+        begun, out = time.monotonic(), tmp_path / "a.boat"
+        profile = folder / "m14_profile.toml"
+        done = program("record", "--port", port, "--profile", profile, "--duration", 7, "--out", out)
+        took_s = time.monotonic() - begun
+        board.kill()
+    assert 7.0 <= took_s < 11.0
+    assert ("board restarted" in done.err) is restarts
+    recording = load_recording(out)
+    assert (np.diff(recording.time_s) > 0).all()
+    assert (len(np.unique(recording.segment)) > 1) is restarts
+    assert 5.0 < recording.n / 100 < 7.5
 
 
 @pytest.mark.parametrize("form", ["{:.3f},{:.4f},{:.4f}", '{:.3f},{:.4f},"{:.4f}"', "{:.3f},{:.4f},{:.0f}"])

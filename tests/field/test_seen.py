@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from analysis import Options, PlateauSettings, analyse
+from analysis.calibration.type_b import contributions
+from analysis.certificates.certificate import Request, certificate_of
+from analysis.certificates.dcc import dcc_xml
+from analysis.certificates.document import certificate_document
+from analysis.certificates.laboratory import Laboratory
 from analysis.data.csv_import import import_csv
 from analysis.figures.warnings import merged
 from analysis.segmentation.strokes import find_strokes, stroke_figures
 from protocol.base.arrays import FloatArray
-from protocol.base.errors import BoatDaqError
+from protocol.base.errors import BoatDaqError, DataError
 from tests.field.truth import FSO_MV, HYSTERESIS, NOISE_MV, Run, are_the_truth, put, signal, staircase
 
 
@@ -30,6 +37,22 @@ def value(path: Path, name: str, **options: PlateauSettings) -> float:
 def test_one_branch_has_no_loop(cases: Path, name: str) -> None:
     """Steps up that are vented at once have no unloading level; a vent in 10 samples has none either."""
     assert np.isnan(value(cases / f"{name}.csv", "system_hysteresis_percent_fso"))
+
+
+@pytest.mark.parametrize("hysteresis", [{}, {"hysteresis": {"u_mm": 0.03}}], ids=["not known", "stated"])
+def test_a_certificate_says_that_one_branch_was_measured(cases: Path, hysteresis: dict[str, Any]) -> None:
+    """Steps up only: without a stated loop there is no U and no certificate; with one it says which branch it is of."""
+    run = import_csv(cases / "m01_up_only.csv")
+    known = replace(run, meta={**run.meta, "unit": "U1", "started_utc": "2026-11-01T10:00:00+00:00"})
+    options = Options(mcmc=False, type_b=contributions(hysteresis))
+    found, request = analyse(known, cases / "m01_readings.csv", options=options), Request(Laboratory("Lab"), "C")
+    if not hysteresis:
+        with pytest.raises(DataError, match="only the loading branch was driven"):
+            certificate_of([found], request)
+        return
+    certificate = certificate_of([found], request)
+    assert "U1: s1: only the loading branch was measured." in repr(certificate_document(certificate))
+    assert "only the loading branch was measured" in dcc_xml(certificate)
 
 
 def test_a_saturated_sensor_is_named(cases: Path) -> None:

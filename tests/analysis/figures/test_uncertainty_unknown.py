@@ -20,6 +20,7 @@ from analysis.calibration_export.forms import calibration_text
 from analysis.calibration_export.run_record import calibration_record
 from analysis.calibration_export.verdict import verdict_of
 from analysis.certificates.certificate import Request, certificate_of
+from analysis.certificates.dcc import dcc_xml
 from analysis.certificates.document import certificate_document
 from analysis.certificates.laboratory import Laboratory
 from analysis.data.export import samples_frame
@@ -284,6 +285,9 @@ def test_a_stated_stand_in_gives_u_and_is_named_wherever_it_is(
     assert budget.stand_in
     made = certificate_of([analysis], Request(Laboratory("Lab"), "C", ("SA1",)))
     assert any("stated stand-in" in text for text in made.items[0].warnings)
+    assert "stated stand-in" in dcc_xml(made)
+    one_branch = "s1: only the loading branch was measured" in made.items[0].warnings
+    assert one_branch == (name == "loading read only")
     other = next(each for each in STATED if each != key)
     assert not np.isfinite(stated(runs, name, tmp_path, other).budgets.budgets[0].u)  # type: ignore[union-attr]
 

@@ -19,7 +19,7 @@ from boat_daq.engine.link.opening import open_link
 from boat_daq.engine.recording.file import Statement
 from boat_daq.engine.recording.rows import BLOCK_SAMPLES_MAX, INSERT_BLOCK
 from protocol.base.errors import ProfileError
-from protocol.link.events import ClockWentBack, Link, Samples
+from protocol.link.events import BoardRestarted, ClockWentBack, Link, Samples
 from protocol.recording import SampleFlag, fitted, session_dtype
 from protocol.recording.missing import Hole
 
@@ -44,19 +44,23 @@ class _Gap:
     derived: list[tuple[int, int, Array]] = field(default_factory=list)  # (chunk, segment, samples)
     ended: bool = False
 
-    def take(self, chunk: int, segments: list[tuple[int, int]], samples: Array, later: int) -> None:
-        """Keep the samples of a chunk that are not in the blocks beside it; `later` clocks begin after them in it."""
+    def take(self, chunk: int, parts: list[tuple[int, Array]]) -> None:
+        """Keep the samples of a chunk, apart by segment, that are not in the blocks beside it."""
         if self.ended or (self.before is not None and chunk < self.before.last_chunk):
             return
+        samples = np.concatenate([part for _, part in parts])
+        begin, end = 0, len(samples)
         if self.before is not None and chunk == self.before.last_chunk:
-            samples = samples[_position(samples, self.before.samples[-1]) + 1 :]
-        if self.after is not None and len(samples) and samples["host_ns"][0] in self.after.samples["host_ns"]:
-            at = _position(samples, self.after.samples[0])
-            samples, self.ended = samples[: max(at, 0)], True
-        for segment, part in _split(chunk, segments, samples, later):
-            low = 1 if self.before is None else self.before.segment
-            high = _NO_KEY if self.after is None else self.after.segment
-            self.derived.append((chunk, min(max(segment, low), high), part))
+            begin = _position(samples, self.before.samples[-1]) + 1
+        if self.after is not None and begin < end and samples["host_ns"][0] in self.after.samples["host_ns"]:
+            end, self.ended = max(_position(samples, self.after.samples[0]), 0), True
+        low = 1 if self.before is None else self.before.segment
+        high = _NO_KEY if self.after is None else self.after.segment
+        at = 0
+        for segment, part in parts:
+            if len(kept := part[max(begin - at, 0) : max(end - at, 0)]):
+                self.derived.append((chunk, min(max(segment, low), high), kept))
+            at += len(part)
 
 
 def _position(samples: Array, wanted: Any) -> int:
@@ -67,14 +71,13 @@ def _position(samples: Array, wanted: Any) -> int:
 
 
 def _split(chunk: int, segments: list[tuple[int, int]], samples: Array, later: int) -> Iterator[tuple[int, Array]]:
-    """Give samples with their segments; one that begins in this chunk begins where the index does."""
+    """Give samples with their segments; one that begins in this chunk with a START begins where the index does."""
     number, first_chunk = max(((s, first) for s, first in segments if first <= chunk), default=(1, 0))
     number -= later if first_chunk == chunk else 0
-    at = int(np.argmin(samples["index"])) if len(samples) and first_chunk == chunk else 0
+    at = int(np.argmin(samples["index"])) if first_chunk == chunk else 0
     if at:
         yield number - 1, samples[:at]
-    if len(samples) > at:
-        yield number, samples[at:]
+    yield number, samples[at:]
 
 
 def derive_missing(
@@ -132,14 +135,17 @@ def _derive(
             continue
         sql = "SELECT id, host_ns, raw FROM chunk WHERE id >= ? AND id < ? AND direction = 0 ORDER BY id"
         for chunk, host_ns, raw in db.execute(sql, (first, after)):
+            runs: dict[int, list[Array]] = {}  # of the chunk's samples, by how many segments begin behind them in it
             events = link.receive(raw, host_ns)
             for at, event in enumerate(events):
                 samples = fitted(event.array, dtype) if isinstance(event, Samples) else np.empty(0, dtype)
                 if samples.dtype == dtype and len(samples):
-                    later = sum(isinstance(other, ClockWentBack) for other in events[at:])
-                    for gap in gaps:
-                        if gap.after is None or chunk <= gap.after.last_chunk:
-                            gap.take(chunk, segments, samples, later)
+                    later = sum(isinstance(other, ClockWentBack | BoardRestarted) for other in events[at:])
+                    runs.setdefault(later, []).append(samples)
+            parts = [p for later, run in runs.items() for p in _split(chunk, segments, np.concatenate(run), later)]
+            for gap in gaps if parts else ():
+                if gap.after is None or chunk <= gap.after.last_chunk:
+                    gap.take(chunk, parts)
 
 
 def _link(meta: dict[str, Any], state: str | None) -> Link | None:

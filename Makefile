@@ -18,13 +18,11 @@ NIGHTLY_PACKAGES := calculix-ccx chromium
 # 110 MB to fetch, 0.9 GB installed: too much for `make test`, whose tests of the emulated chip skip without them.
 CHIP_PACKAGES := gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm cppcheck
 
-BUNDLE_PACKAGES := squashfs-tools binutils python3-dev curl ca-certificates
+BUNDLE_PACKAGES := binutils python3-dev
 
 BUNDLE    := out/bundle
 DELIVERED := out/delivered
 TOOLS     := out/tools
-# Of the AppImage; another file may be given, as where GitHub is not reached.
-RUNTIME   ?= $(BUNDLE)/runtime
 
 SECONDS ?= 600
 
@@ -117,18 +115,14 @@ delivered: system $(BIN)/python
 	$(TOOLS)/bin/python -m pip install -q --disable-pip-version-check --upgrade "pip>=25.1"
 	$(TOOLS)/bin/python -m pip install -q --disable-pip-version-check --group delivery
 
-bundle: delivered $(RUNTIME)  ## the program without Python, in out/bundle: a folder and an AppImage (Linux)
+bundle: delivered  ## the program without Python, in out/bundle: a folder, and its archive (Linux)
 	@$(call debian_install,$(BUNDLE_PACKAGES))
 	PYTHONPATH=$$($(DELIVERED)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
 	  $(TOOLS)/bin/python -m PyInstaller --noconfirm --log-level WARN --distpath $(BUNDLE) --workpath out/work packaging/boat-daq.spec
 	mkdir -p $(BUNDLE)/boat-daq/desktop
 	cp packaging/associate.sh packaging/boat-daq.desktop packaging/boat-daq.xml boat_daq/gui/boat-daq.svg $(BUNDLE)/boat-daq/desktop/
-	packaging/appimage.sh $(BUNDLE)/boat-daq $(RUNTIME) $(BUNDLE)/boat-daq-$(shell uname -m).AppImage
+	tar -C $(BUNDLE) -czf $(BUNDLE)/boat-daq-$(shell uname -m).tar.gz boat-daq
 	du -sh $(BUNDLE)/*
-
-$(BUNDLE)/runtime:
-	mkdir -p $(BUNDLE)
-	curl -fsSL -o $@ https://github.com/AppImage/type2-runtime/releases/download/continuous/runtime-$(shell uname -m)
 
 wheel: delivered  ## wheel and source archive, in out/dist
 	rm -rf out/dist

@@ -1,7 +1,7 @@
 #!/bin/sh
 # Enter the program in this user's menu of applications, and open .boat files with it. Linux desktops, no root.
 #
-#   associate.sh PROGRAM     PROGRAM is boat-daq of a bundle or an environment, or the AppImage
+#   associate.sh PROGRAM     PROGRAM is boat-daq of a bundle or an environment
 set -eu
 [ $# = 1 ] || { echo "usage: associate.sh PROGRAM" >&2; exit 2; }
 here=$(cd "$(dirname "$0")" && pwd)

@@ -245,6 +245,8 @@ ADDED: dict[int, tuple[tuple[str, str, str], ...]] = {
 LONG_TABLES = ("chunk", "block", "health")  # their values are checked only where they are read whole
 
 _LOG_HEADER_BYTES = 32
+LOG_MAGIC = 0x377F0682  # its last bit is set where the checksums are of big-endian words
+PAGE_SIZES = tuple(1 << power for power in range(9, 17))
 _HEADER: Final = struct.Struct(">16s44xI4xI28x")  # magic, user_version, application_id of SQLite's 100-byte header
 
 
@@ -281,13 +283,34 @@ def open_recording(path: Path | str) -> sqlite3.Connection:
 
 
 def _read_only_uri(path: Path) -> str:
-    """Return how SQLite opens a file without changing the -shm of a killed program: recovery compares it with -wal."""
-    log, shared = (path.with_name(path.name + suffix) for suffix in ("-wal", "-shm"))
+    """Return how SQLite opens a file: without a log of another one, or one that it cannot read with this -shm.
+
+    The -shm of a killed program is not changed: recovery compares it with -wal.
+    """
+    log, shared, journal = (path.with_name(path.name + suffix) for suffix in ("-wal", "-shm", "-journal"))
     uri = f"{path.absolute().as_uri()}?mode=ro"
-    if not shared.is_file() or is_being_written(path):
+    if is_being_written(path):
         return uri
-    only_header = log.is_file() and log.stat().st_size == _LOG_HEADER_BYTES  # SQLite cannot read such a one so
-    return uri + ("&immutable=1" if only_header else "&readonly_shm=1")
+    if log.is_file() and not journal.exists() and not (needs_log(path) and _has_frames(log)):
+        return uri + "&immutable=1"
+    return uri + ("&readonly_shm=1" if shared.is_file() else "")
+
+
+def needs_log(path: Path) -> bool:
+    """Return whether a database was not closed into one file."""
+    with path.open("rb") as file:
+        return file.read(19)[18:] != b"\x01"
+
+
+def _has_frames(log: Path) -> bool:
+    """Return whether SQLite would look for frames in a log."""
+    try:
+        with log.open("rb") as file:
+            head = file.read(_LOG_HEADER_BYTES + 1)
+    except PermissionError:
+        return True  # SQLite reports it
+    magic, size = int.from_bytes(head[:4], "big"), int.from_bytes(head[8:12], "big")
+    return len(head) > _LOG_HEADER_BYTES and magic & ~1 == LOG_MAGIC and size in PAGE_SIZES
 
 
 def _unreadable(path: Path, error: Exception) -> RecordingError:

@@ -25,11 +25,10 @@ from protocol.base.arrays import BoolArray, IntArray
 from protocol.base.errors import damaged
 from protocol.recording.checks import DAMAGE, harden
 from protocol.recording.page_rows import PageImage, Row, rows_of_page
+from protocol.recording.schema import LOG_MAGIC, PAGE_SIZES, needs_log
 
-_MAGIC = 0x377F0682  # its last bit is set where the checksums are of big-endian words
 _HEADER_BYTES, _FRAME_BYTES = 32, 24
 _OLDER = 1 << 20  # the first salt grows by one where the log begins again over its older frames
-_PAGE_SIZES = tuple(1 << power for power in range(9, 17))
 _INDEX_VERSION, _INDEX_HEADER = 3007000, 48
 _UUID = re.compile(rb'uuid("[0-9a-f-]{36}")')  # a row of the table `session`, whose leaves begin with this byte:
 _KEY_LEAF = b"\n"
@@ -105,7 +104,7 @@ def read_log(database: Path) -> WriteAheadLog | None:
     content: NDArray[np.uint8] = np.memmap(path, np.uint8, "r")
     head = content[:_HEADER_BYTES].view(">u4").astype(np.int64)
     magic, _, size = head[:3]
-    header_valid = magic & ~1 == _MAGIC and size in _PAGE_SIZES
+    header_valid = magic & ~1 == LOG_MAGIC and size in PAGE_SIZES
     if header_valid:
         order = ">u4" if magic & 1 else "<u4"
         none = np.zeros((1, 2), np.uint32)
@@ -179,12 +178,6 @@ class LogCheck:
 OTHERS_LOG = LogCheck(LogState.FOREIGN, None, end_known=False)
 
 
-def needs_log(database: Path) -> bool:
-    """Return whether a database was not closed into one file."""
-    with database.open("rb") as file:
-        return file.read(19)[18:] != b"\x01"
-
-
 def check_log(database: Path, log: WriteAheadLog | None) -> LogCheck:
     """Compare a log with the -shm of the program that wrote it, and with the database, before SQLite changes them."""
     checked = _check_extent(database, log)
@@ -248,7 +241,8 @@ def _check_extent(database: Path, log: WriteAheadLog | None) -> LogCheck:
     """Compare the length of a log with what -shm says of it."""
     committed = 0 if log is None else log.committed()
     if not needs_log(database):
-        return LogCheck(LogState.FOREIGN, end_known=True) if committed else LogCheck(LogState.NONE)
+        empty = log is None or (log.header_valid and not len(log.frames))
+        return LogCheck(LogState.NONE if empty else LogState.FOREIGN)
     index = _read_index(database)
     if index is None:
         return (
@@ -314,7 +308,7 @@ def page_size_of(database: Path) -> int:
     with database.open("rb") as file:
         size = int.from_bytes(file.read(18)[16:18], "big")
     size = 65536 if size == 1 else size
-    return size if size in _PAGE_SIZES else 4096
+    return size if size in PAGE_SIZES else 4096
 
 
 def _verified(frames: NDArray[np.uint8], heads: IntArray, seeds: Words, order: str) -> tuple[BoolArray, BoolArray]:

@@ -72,34 +72,36 @@ def recover(path: Path, *, progress: Progress | None = None) -> Recovery:
     log = read_log(path)
     checked = check_log(path, log)  # before SQLite opens the file, which changes -shm
     fault = [text] if (text := checked.fault(path.name)) else []
-    if fault or (log is not None and log.damage):
-        used = None if checked.state is LogState.FOREIGN or not checked.usable else log
+    used = None if checked.state is LogState.FOREIGN or not checked.usable else log
+    changed = schema.needs_log(path) or os.path.lexists(path.with_name(path.name + "-journal"))
+    if changed and (fault or (log is not None and log.damage)):
         return _salvage(path, used, [*fault, *([] if used is None else used.damage)], progress, checked)
     schema.refuse_newer(path)
     _roll_back(path)
     faults, structural = _check(path, progress)
-    if structural and log is not None and log.committed() and _is_sound_alone(path):
+    if structural and used is not None and used.committed() and _is_sound_alone(path):
         return _salvage(path, None, [OTHERS_LOG.fault(path.name)], progress, OTHERS_LOG)
     if structural:
-        return _salvage(path, log, faults, progress, checked)
+        return _salvage(path, used, [*fault, *faults], progress, checked)
     with closing(schema.open_recording(path)) as db:
         meta = schema.read_session(db)
         counts = _counts(db)
     status = meta["status"]
-    if faults and (status == "recording" or any("block" in fault for fault in faults)):
-        return _salvage(path, log, faults, progress, replace(checked, end_known=checked.missing == 0))
-    del log  # Windows cannot remove a mapped file
+    found = [*fault, *faults]
+    if (found and status == "recording") or any("block" in text for text in faults):
+        return _salvage(path, used, found, progress, replace(checked, end_known=checked.missing == 0))
+    del log, used  # Windows cannot remove a mapped file
     kept: tuple[Path, ...] = ()
     if status == "recording":
         if checked.state is LogState.ABSENT:
             kept = (_copy_unclosed(path),)
         meta |= _close_in_place(path, end_known=checked.missing == 0)
         status = "recovered"
-    elif path.with_name(path.name + "-wal").exists():  # its log is left
+    elif path.with_name(path.name + "-wal").exists() and not fault:  # its log is left
         RecordingFile.reopen(path).close()
     elif checked.state is LogState.ABSENT:
         checked = LogCheck(LogState.NONE)
-    return Recovery(status, path, *counts, tuple(faults), missing_of(meta), checked.state, checked.missing, kept)
+    return Recovery(status, path, *counts, tuple(found), missing_of(meta), checked.state, checked.missing, kept)
 
 
 def _salvage(

@@ -28,7 +28,7 @@ from protocol.recording import schema
 from protocol.recording.checks import DAMAGE, bytes_of, harden, refuse_active, value_fits
 from protocol.recording.missing import Missing
 from protocol.recording.page_rows import Row, rows_of_page
-from protocol.recording.write_ahead_log import WriteAheadLog, needs_log, page_size_of
+from protocol.recording.write_ahead_log import WriteAheadLog, page_size_of
 
 Progress = Callable[[float, float], None]
 _ROWS = 1_000  # of one transaction
@@ -51,7 +51,7 @@ def salvage(
     target = _free_name(path)
     copy = target.with_name(target.name + "-pages")
     try:
-        alone = log is None and not needs_log(path) and not path.with_name(path.name + "-wal").exists()
+        alone = log is None and not schema.needs_log(path) and not path.with_name(path.name + "-wal").exists()
         if not alone:
             _write_pages(path, log, copy)
         with closing(open_damaged(path if alone else copy)) as db:

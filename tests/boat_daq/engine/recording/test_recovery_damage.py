@@ -30,8 +30,10 @@ from protocol.recording import RunEnd, open_recording, read_session, session_dty
 from protocol.recording.missing import missing_of
 from protocol.recording.write_ahead_log import read_log
 from tests.boat_daq.engine.recording_source import Source, begin, stored_samples
+from tests.conftest import ROOT
 from tests.faults.nightly_counts import few_and_many
 
+EXAMPLE = ROOT / "recordings" / "simulated_SA1_two_cycles.boat"
 PAGE = 4096
 FRAME = PAGE + 24
 
@@ -271,10 +273,12 @@ def said_by_every_reader(path: Path) -> bool:
     return "may be missing" in results[1].stdout or results[1].exit_code == 1
 
 
-KINDS = ["foreign", "foreign and damaged", "absent", "header", "short"]
+KINDS = ["foreign", "foreign and damaged", "absent", "header", "short", "random"]
 
 
-@pytest.mark.fault(59, how="the log of a killed recording cut, absent, or another's; with and without -shm", times=30)
+@pytest.mark.fault(
+    59, how="the log of a killed recording cut, absent, random, or another's; with and without -shm", times=36
+)
 @pytest.mark.parametrize("shared", [True, False], ids=["with -shm", "without"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_log_that_is_not_whole_is_never_said_to_be(
@@ -284,7 +288,8 @@ def test_log_that_is_not_whole_is_never_said_to_be(
     sound = read_log(left(tmp_path, killed.database, killed.log))
     assert sound is not None
     cut = killed.log[: 32 + len(sound.frames) // 2 * FRAME + 777]
-    logs = [others_log, zeroed(others_log, 32 + 4 * FRAME, FRAME), b"", killed.log[:32], cut]
+    noise = random.Random(1).randbytes(len(killed.log))
+    logs = [others_log, zeroed(others_log, 32 + 4 * FRAME, FRAME), b"", killed.log[:32], cut, noise]
     log = dict(zip(KINDS, logs, strict=True))[kind]
     path = left(tmp_path, killed.database, log, killed.shared if shared else b"")
     if not log:
@@ -292,7 +297,8 @@ def test_log_that_is_not_whole_is_never_said_to_be(
     assert said_by_every_reader(path)  # and reading leaves the -shm as it is
     recovery = recover(path)
     proven = shared or kind.startswith("foreign")
-    state = {"header": "short" if shared else "absent", "short": "short" if shared else "unproven"}
+    without = {"header": "absent", "short": "unproven", "random": "absent"}
+    state = dict.fromkeys(without, "short") if shared else without
     assert recovery.log == state.get(kind, kind.partition(" ")[0])
     with closing(open_recording(recovery.path)) as db:
         blobs = [blob for (blob,) in db.execute("SELECT samples FROM block ORDER BY id")]
@@ -313,6 +319,38 @@ def test_log_that_is_not_whole_is_never_said_to_be(
     if shared and kind != "absent":
         path.with_name("run.boat-wal").write_bytes(killed.log)  # found, and put beside the file: all is there
         assert recover(path).samples == len(killed.samples)
+
+
+@pytest.mark.fault(59, how="random bytes, or the log of another, beside a closed recording", times=3)
+def test_log_beside_a_closed_recording_is_not_read(others_log: bytes, tmp_path: Path) -> None:
+    """It has none, as every reader says; recovery changes neither."""
+    content = EXAMPLE.read_bytes()
+    for log in (random.Random(1).randbytes(3 * FRAME), bytes(40), others_log):
+        path = left(tmp_path, content, log)
+        for command in (info, info, verify):  # SQLite leaves a -shm beside a log that it reads
+            shown = invoke(command, str(path)).stdout
+            assert ("17018 in 170.17 s" if command is info else "run.boat-wal does not belong to run.boat") in shown
+        assert read_boat_file(path).time_s.size == 17018
+        recovery = recover(path)
+        assert (recovery.status, recovery.samples, len(recovery.damaged)) == ("closed", 17018, 1)
+        assert "none is needed" in recovery.damaged[0]
+        assert (path.read_bytes(), path.with_name("run.boat-wal").read_bytes()) == (content, log)
+
+
+@pytest.mark.fault(59, how="every second block of the example recording with a wrong checksum", times=1)
+def test_samples_before_an_answer_of_the_board_are_not_derived_twice(tmp_path: Path) -> None:
+    """The last chunk of the example holds samples, the answer to VENT, and samples again."""
+    whole = stored_samples(EXAMPLE)
+    path = left(tmp_path, EXAMPLE.read_bytes(), b"")
+    with closing(sqlite3.connect(path)) as db, db:
+        segments = db.execute("SELECT segment, sum(n) FROM block GROUP BY segment").fetchall()
+        db.execute("UPDATE block SET crc32 = crc32 + 1 WHERE id % 2 = 0")
+    recovery = recover(path)
+    assert (recovery.status, bool(recovery.missing)) == ("salvaged", False)
+    assert stored_samples(recovery.path) == whole
+    with closing(open_recording(recovery.path)) as db:
+        assert db.execute("SELECT segment, sum(n) FROM block GROUP BY segment").fetchall() == segments
+    assert verify_recording(recovery.path).identical
 
 
 def test_log_that_begins_again_or_was_not_written_yet_is_no_damage(tmp_path: Path) -> None:

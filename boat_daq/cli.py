@@ -259,15 +259,28 @@ def _discard_output() -> None:
     os.close(nowhere)
 
 
+def _flush_output() -> None:
+    """Write what is left in the buffers; a closed pipe, as after `| head`, ends the call without a message."""
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        _write_nowhere()
+        raise SystemExit(1) from None  # as typer leaves where it meets one
+
+
+def _write_nowhere() -> None:
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)  # what is left in the buffers is written at the end
+    os.close(nowhere)
+
+
 def _unwritten(error: Exception) -> Exception | None:
     """Return the error of an output on a full or failing disk, which is then discarded; None for another error."""
     if not isinstance(error, OSError) or error.filename or error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
         return None
     from protocol.base.errors import StorageError
 
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 1)  # what is left in the buffers is written at the end
-    os.close(nowhere)
+    _write_nowhere()
     return StorageError(f"the output cannot be written: {error.strerror}", "free disk space, or choose another disk")
 
 
@@ -307,7 +320,7 @@ def main() -> None:
         completion_init()
     try:
         code = app(standalone_mode=False, prog_name="boat-daq")
-        sys.stdout.flush()
+        _flush_output()
         raise SystemExit(code if isinstance(code, int) else 0)
     except (SystemExit, KeyboardInterrupt, typer.Abort) as leaving:
         if not interruption.came:

@@ -74,7 +74,7 @@ class Posterior:
         return f"<Posterior: {terms} (k = 2), sigma {self.sigma:.3g}, {self.n_eff:.0f} effective draws, {state}>"
 
     def chains(self) -> dict[str, FloatArray]:
-        """Return the kept draws by parameter, [chain, draw], as `arviz.from_dict` takes them."""
+        """Return the kept draws by parameter, [chain, draw], as `arviz.summary` takes them."""
         change = np.asarray(self.calibration.fit.basis.to_monomials(), dtype=np.float64)
         columns = dict(zip((f"b{i}" for i in range(self.mean.size)), (self.basis_samples @ change.T).T, strict=True))
         columns["sigma"] = self.sigma_samples

@@ -192,6 +192,18 @@ def test_a_full_disk_is_named(call: str) -> None:
     )
 
 
+@pytest.mark.skipif(os.name != "posix", reason="pipes")
+def test_a_closed_pipe_is_no_fault() -> None:
+    """A reader that closes, as `head` does, before the last of the output is written: no message, no traceback."""
+    program = "from boat_daq import cli; cli.app = lambda **_: print('a line'); cli.main()"
+    buffered, pipe = {**os.environ, "PYTHONUNBUFFERED": ""}, subprocess.PIPE
+    started = subprocess.Popen([sys.executable, "-c", program], stdout=pipe, stderr=pipe, env=buffered)
+    assert started.stdout is not None and started.stderr is not None
+    started.stdout.close()
+    with started:
+        assert (started.stderr.read(), started.wait(60)) == (b"", 1)
+
+
 def complete(words: str) -> list[str]:
     """Return what bash would offer for the last word."""
     environment = {"_BOAT_DAQ_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}

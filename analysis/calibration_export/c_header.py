@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from analysis.calibration.inverse import BEYOND_SIGMA, DISAGREEMENT_SIGMA, NODES, U_NODES, Inverse
 from analysis.calibration_export.calibration_file import CalibrationFile
@@ -73,6 +72,8 @@ def template_of(name: str, *, single: bool = False) -> Any:
         lines = [" ".join(numbers[first : first + PER_ROW]) for first in range(0, len(numbers), PER_ROW)]
         joined = " ...\n        ".join(lines)
         return f"[{joined}]"
+
+    from jinja2 import Environment, PackageLoader, StrictUndefined
 
     environment = Environment(  # noqa: S701 - no HTML
         loader=PackageLoader("analysis.calibration_export", "templates"),

@@ -145,11 +145,11 @@ def export(
 
     Example: boat-daq export run.boat --format csv --out run.csv
     """
-    from analysis import load_recording
     from analysis.calibration_export.calibration_file import read_calibration
     from analysis.calibration_export.conversion import convert_recording, other_unit
     from analysis.data.export import export as write
     from analysis.data.export import require_library
+    from analysis.data.load import load_recording
     from analysis.tracking.run import with_camera_placed
     from boat_daq.workflows.calibration_in_force import exported_elongation, stated_contributions
     from protocol.recording.missing import missing_of

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, show
 from boat_daq.commands.options import RecordingArgument, SetOption, values_of
-
-if TYPE_CHECKING:
-    pass
 
 
 def metadata(

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analysis.numbers import decimals_for
 from analysis.optics.scene.parameters import ALL, PAPER_RAYS, PAPER_SECONDARY, Design, Light, Waveguide
 from analysis.optics.scene.scene_file import OpticalScene, read_scene
 from boat_daq.commands.console import JsonOption, emit_json, load, notify, present, progress_bar
@@ -271,6 +270,8 @@ def _with_sd(value: float, sd: float, decimals: int) -> str:
     """
     if not math.isfinite(sd):
         return f"{value:.{decimals}f}"
+    from analysis.numbers import decimals_for
+
     decimals = max(decimals, decimals_for(sd)) if sd > 0 else decimals
     return f"{value:.{decimals}f} +- {sd:.{decimals}f}"
 

@@ -121,6 +121,10 @@ def add_marker(path: Path, time_s: float, text: str) -> None:
 
 def markers_of(path: Path) -> list[tuple[float, str]]:
     """Return the markers of a recording: time from its first sample, s, and note."""
+    from boat_daq.engine.recording.rename import has_marks
+
+    if not has_marks(path):  # few have one: the samples, which give its time, are not read in vain
+        return []
     from analysis.data.boat_file import read_boat_file
 
     return list(read_boat_file(path).meta["markers"])

@@ -22,6 +22,7 @@ from tests.conftest import ROOT
 
 EXAMPLE = ROOT / "recordings" / "simulated_SA1_two_cycles.boat"
 MOST_OPTIONS, MOST_OF_A_COMMAND = 250, 16
+HEAVY = {"numpy", "rich", "pandas", "numba", "pydantic", "scipy", "matplotlib", "typst", "emcee", "PySide6"}
 
 INTERRUPTED_IN_A_CALLBACK = """
 import ctypes, os, signal, time
@@ -81,16 +82,18 @@ __main__.main()
     ("call", "needed"),
     [
         ("--version", []),
-        ("analyze --help", []),
-        ("record --help", []),
         ("config get", ["rich"]),
         ("ports", ["numpy", "rich"]),
         (f"info {EXAMPLE}", ["numpy", "rich"]),
+        (f"metadata {EXAMPLE}", ["numpy", "rich"]),
         (f"convert {EXAMPLE} --calibration SA1.json --json --out mm.csv", ["numpy", "pandas", "rich", "scipy"]),
         pytest.param(
             f"export {EXAMPLE} --calibration SA1.json --format csv --json --out run.csv",
             ["numpy", "pandas", "rich", "scipy"],
             marks=pytest.mark.nightly,
+        ),
+        pytest.param(
+            f"analyze {EXAMPLE} --no-mcmc", ["numba", "numpy", "pandas", "rich", "scipy"], marks=pytest.mark.nightly
         ),
     ],
 )
@@ -101,8 +104,7 @@ def test_a_call_imports_what_it_needs(call: str, needed: list[str], tmp_path: Pa
         (tmp_path / "SA1.json").write_text(made.text(), encoding="utf-8")
     program = f"""
 import atexit, sys
-heavy = {{"numpy", "rich", "pandas", "numba", "pydantic", "scipy", "matplotlib", "typst", "emcee", "PySide6"}}
-atexit.register(lambda: print(sorted(heavy & set(sys.modules))))
+atexit.register(lambda: print(sorted({HEAVY} & set(sys.modules))))
 from boat_daq.__main__ import main
 sys.argv[1:] = {call.split()}
 main()
@@ -112,6 +114,17 @@ main()
     )
     assert len(ended.stdout.splitlines()) > 1
     assert ended.stdout.splitlines()[-1] == str(needed)
+
+
+def test_the_help_of_every_command_loads_no_library() -> None:
+    program = f"""
+import sys
+from boat_daq.cli import LazyCommands
+loaded = [*LazyCommands().values()]
+print(len(loaded), sorted({HEAVY} & set(sys.modules)))
+"""
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
+    assert ended.stdout == f"{len(LazyCommands())} []\n"
 
 
 def test_every_command_is_found_under_its_name() -> None:

@@ -7,11 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from analysis import figure_style as style
 from analysis.shadow.model.reduced import ReducedModel
@@ -21,6 +19,9 @@ from analysis.shadow.monitoring.monitor import Alarm, CycleFigures, Monitor
 from analysis.statistics import theil_sen
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _OF_ALARM = ("since_cycle", "cycle", "figure", "shift", "unit", "healthy_cycles", "sentence")
 
@@ -133,6 +134,9 @@ def drift(levels_mm: FloatArray) -> tuple[float, float, float]:
 @style.styled
 def replay_figure(result: Replay) -> Figure:
     """Draw the deviation with its band over time, and the cycles' mean deviation with the alarms."""
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
+
     figure = Figure(figsize=(9.0, 5.4), layout="constrained")
     above, below = figure.subplots(2, height_ratios=(3, 2))
     step = max(1, len(result.time_s) // 20_000)

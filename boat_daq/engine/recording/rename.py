@@ -63,6 +63,12 @@ def add_mark(path: Path, segment: int, after_s: float, text: str) -> None:
     _add_event(path, MARK_EVENT, text, segment, int(first_us) + round(1e6 * after_s))
 
 
+def has_marks(path: Path) -> bool:
+    """Return whether a recording has a marker."""
+    with closing(open_recording(path)) as db:
+        return db.execute("SELECT 1 FROM event WHERE kind = ? LIMIT 1", (MARK_EVENT,)).fetchone() is not None
+
+
 def _add_event(path: Path, kind: str, text: str, segment: int | None = None, time_us: int | None = None) -> None:
     if len(text) > NOTE_MOST:
         raise RequestError(f"the note is longer than {NOTE_MOST} letters", "Shorten it.")

@@ -162,7 +162,6 @@ def _description(recording: Recording, converted: ConvertedElongation | None) ->
     meta = {key: value for key, value in recording.meta.items() if key != "sample_dtype"}
     frame = samples_frame(recording, slice(0, 1), converted)
     units = {channel.column: channel.unit or "1" for channel in recording.channels}
-    units |= {channel.name: channel.unit for channel in recording.derived.channels}
     units |= dict.fromkeys(recording.signal_columns, recording.signal_unit)
     return {
         "SIMULATED": recording.simulated,
@@ -172,7 +171,6 @@ def _description(recording: Recording, converted: ConvertedElongation | None) ->
         "gaps": [{"time_s": gap.time_s, "lost": gap.lost} for gap in recording.gaps],
         "masked": dict(recording.masked),
         "columns": {name: units.get(name) or _unit(name) for name in frame.columns},
-        "derived": [channel._asdict() for channel in recording.derived.channels],
         "calibration": None if converted is None else dict(converted.calibration),
         "session": meta,
         "steps": json.loads(recording.steps.to_json(orient="records")),

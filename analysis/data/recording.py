@@ -8,8 +8,8 @@ measurement, is marked in `usable`, with a count by reason, and stays in the col
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -24,13 +24,9 @@ from protocol.base.optional import optional
 from protocol.base.units import in_a_name
 from protocol.recording import (
     NOT_FOR_FIGURES,
-    DerivedChannel,
-    DerivedColumns,
     ExtraChannel,
     Metadata,
     SampleFlag,
-    channel_units,
-    parse_definition,
     session_channels,
 )
 
@@ -196,35 +192,6 @@ class Recording:
         """The reading that counts for each step: the last one entered, also where it withdraws the one before."""
         return self.readings.sort_values("id").dropna(subset="step").drop_duplicates("step", keep="last")
 
-    @property
-    def derived(self) -> DerivedColumns:
-        """The derived channels that it states, checked against its own channels."""
-        stated = (DerivedChannel(*entry) for entry in self.meta.get("derived") or ())
-        kind = "signal" if self.lit is None or self.dark is None else "counts"
-        units = channel_units(self.n_sensors, kind, self.channels)
-        units |= {f"{name}_mv": self.signal_unit for name in self.sensor_names}
-        return DerivedColumns.of(stated, units)
-
-    def deriving(self, definitions: Sequence[str]) -> Recording:
-        """Return the recording with more derived channels, ``NAME [UNIT] = EXPRESSION``; may raise RecordingError."""
-        stated = [*(self.meta.get("derived") or ()), *(list(parse_definition(text)) for text in definitions)]
-        found = replace(self, meta={**self.meta, "derived": stated})
-        return found if found.derived else self
-
-    def derived_values(self, rows: slice | None = None) -> dict[str, FloatArray]:
-        """Return the values of the derived channels [n] by name, or of some rows; the same bits as live."""
-        derived, rows = self.derived, rows or slice(None)
-        if not derived.channels:
-            return {}
-        known: dict[str, npt.NDArray[Any]] = {"pressure_kpa": self.pressure_kpa[rows]}
-        known |= {f"{name}_mv": self.signal_mv[rows, i] for i, name in enumerate(self.sensor_names)}
-        for part, counts in (("lit", self.lit), ("dark", self.dark)):
-            if counts is not None:
-                known |= {f"{name}_{part}": counts[rows, i] for i, name in enumerate(self.sensor_names)}
-        if self.channel is not None:
-            known |= {channel.column: self.channel[rows, i] for i, channel in enumerate(self.channels)}
-        return derived.evaluate(known)
-
     def __repr__(self) -> str:
         mark = "SIMULATED, " if self.simulated else ""
         name, size = Path(self.source).name or "arrays", f"{self.n} samples of {self.n_sensors} sensors"
@@ -267,7 +234,6 @@ class Recording:
         if self.channel is not None:
             frame |= {channel.column: self.channel[:, i] for i, channel in enumerate(self.channels)}
         columns = {name: column[rows or slice(None)] for name, column in frame.items()}
-        columns |= self.derived_values(rows)
         if reader is not None:
             read = reader.evaluate(self.signal_mv[rows or slice(None)])
             columns |= {"elongation_mm": read.elongation_mm, "u_mm": 2.0 * read.standard_uncertainty_mm}
@@ -281,9 +247,8 @@ class Recording:
         by_ending = {"_s": "s", "_kpa": "kPa", "_mv": "mV", "_mm": "mm", "_lit": "counts", "_dark": "counts"}
         usual = {name: unit for name in names for ending, unit in by_ending.items() if name.endswith(ending)}
         others = {channel.column: channel.unit for channel in self.channels}
-        derived = {channel.name: channel.unit for channel in self.derived.channels}
         signals = dict.fromkeys(self.signal_columns, self.signal_unit)
-        return {name: unit for name, unit in (usual | others | signals | derived).items() if unit}
+        return {name: unit for name, unit in (usual | others | signals).items() if unit}
 
     @classmethod
     def from_arrays(

@@ -41,14 +41,14 @@ from analysis.segmentation.cycles import find_cycles
 from analysis.segmentation.loops import Loops, LoopWidth, continuous_loops, staircase_loops, width_of_loops
 from analysis.segmentation.losses import LossCounter
 from analysis.segmentation.plateau_readings import Readings, elongations_of
-from analysis.segmentation.plateaus import Plateau, find_plateaus
+from analysis.segmentation.plateaus import find_plateaus
 from analysis.segmentation.signal_faults import mask_faulty_signals
 from analysis.statistics import resampling_weights
 from analysis.tracking.continuous import SOURCE as CAMERA
 from analysis.tracking.continuous import CameraFigures, camera_elongations, camera_figures, scale_of
 from analysis.tracking.run import Filmed, filmed
 from analysis.warning import Warning
-from protocol.base.arrays import BoolArray, FloatArray
+from protocol.base.arrays import FloatArray
 from protocol.base.units import STORED_UNITS, in_signal_unit
 
 
@@ -143,7 +143,6 @@ class Analysis(AnalysedRun):
                 "mean": self.actuator_hysteresis.value,
                 "per_cycle": list(self.actuator_hysteresis_per_cycle),
             },
-            "derived": _derived_json(recording, self.plateaus),
             "system_figures": {key: figure.as_json() for key, figure in self.system_figures.items()},
             "flags": [warning.as_flag() for warning in self.warnings],
             "warnings": [warning.as_json() for warning in self.warnings],
@@ -197,7 +196,6 @@ def analyse(
     options = options or Options(seed=seed, mcmc=mcmc)
     if not isinstance(recording, Recording):
         recording = load_recording(recording)
-    recording = recording.deriving(options.derived)
     film = filmed(recording) if recording.camera is not None else None
     if film is not None:
         recording = film.recording
@@ -349,25 +347,3 @@ def _system_sensitivity(sensors: Sequence[SensorAnalysis]) -> Figure:
     # the sensors share their cycles and readings: half-widths are averaged, as for fully correlated parts
     value, low, high = (sum(ends) / len(parts) for ends in zip(*((p.value, p.low, p.high) for p in parts), strict=True))
     return Figure(value, "mV/mm", parts[0].n, low, high, definition=definition)
-
-
-def _derived_json(recording: Recording, plateaus: Sequence[Plateau]) -> list[dict[str, Any]]:
-    """Return mean, sd and count of each derived channel, of the run and of the settled plateaus."""
-    values = recording.derived_values()
-    usable = np.asarray(recording.usable.any(axis=1), dtype=bool)
-    found = []
-    for channel in recording.derived.channels:
-        column = values[channel.name]
-        windows = [slice(plateau.settled_first, plateau.last + 1) for plateau in plateaus]
-        each = [
-            {"number": plateau.number, "pressure_kpa": plateau.pressure_kpa, **_statistics(column[rows], usable[rows])}
-            for plateau, rows in zip(plateaus, windows, strict=True)
-        ]
-        found.append({**channel._asdict(), **_statistics(column, usable), "plateaus": each})
-    return found
-
-
-def _statistics(values: FloatArray, usable: BoolArray) -> dict[str, float]:
-    kept = values[usable & np.isfinite(values)]
-    mean = float(kept.mean()) if kept.size else float("nan")
-    return {"mean": mean, "sd": float(kept.std(ddof=1)) if kept.size > 1 else float("nan"), "n": kept.size}

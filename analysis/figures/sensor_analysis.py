@@ -102,7 +102,7 @@ class Options:
     monotone : only monotone curves in the posterior.
     resamples, posterior_samples : numbers that replace the precision's.
     leave_out : leave out readings whose points are off the curve, each with a warning.
-    type_b, derived : contributions that no run shows; derived channels besides those of the recording.
+    type_b : contributions that no run shows.
     """
 
     degree: Degree = USUAL_DEGREE
@@ -114,7 +114,6 @@ class Options:
     fidelity: Level = "normal"
     leave_out: bool = False
     type_b: tuple[TypeBContribution, ...] = ()
-    derived: tuple[str, ...] = ()
     resamples: int | None = None
     posterior_samples: int | None = None
 

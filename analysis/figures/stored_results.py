@@ -55,8 +55,7 @@ def code_state() -> str:
     analysis = Path(__file__).parents[1]
     sources = [file for package in _COMPUTING for file in sorted((analysis / package).glob("*.py"))]
     digest = hashlib.sha256()
-    protocol = (analysis.parent / "protocol" / "recording" / name for name in ("derived.py", "schema.py"))
-    for file in (*sources, *protocol):
+    for file in (*sources, analysis.parent / "protocol" / "recording" / "schema.py"):
         digest.update(file.name.encode() + file.read_bytes().replace(b"\r\n", b"\n"))
     for name in ("numpy", "scipy", "pandas", "emcee"):
         digest.update(f"{name} {version(name)}".encode())
@@ -78,6 +77,7 @@ def reproduce(run: str | Path, parameters: Mapping[str, Any]) -> dict[str, Any] 
 
 def _stored_options(stored: Mapping[str, Any]) -> Options:
     table = {**asdict(Options()), **stored}  # an older program had fewer
+    table.pop("derived", None)  # or definitions of channels
     plateau = PlateauSettings(**table["plateau"])
     numbers = (table["seed"], table["x_resolution_mm"] or 0, *asdict(plateau).values())
     if not all(isinstance(number, int | float) and number >= 0 for number in numbers):
@@ -88,6 +88,5 @@ def _stored_options(stored: Mapping[str, Any]) -> Options:
     read = {
         "degree": degree_of(str(table["degree"])), "seed": int(table["seed"]), "plateau": plateau,
         "fidelity": fidelity(str(table["fidelity"])).level, "type_b": contributions(table["type_b"] or {}),
-        "derived": tuple(map(str, table["derived"])),
     }  # fmt: skip
     return Options(**{**table, **read})

@@ -10,7 +10,6 @@ import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, progress_bar, show, show_table
 from boat_daq.commands.options import (
-    DeriveOption,
     MapOption,
     RateOption,
     RunArgument,
@@ -135,7 +134,6 @@ def export(
         typer.Option(metavar="FILE.json", help="Calibration for the elongation; default the run's own readings."),
     ] = None,
     elongation: Annotated[Path | None, typer.Option(help="CSV of elongation readings, one row a plateau.")] = None,
-    derive: DeriveOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Write the samples of a run with their elongation: CSV with a JSON file of metadata, Parquet, HDF5, MAT, ROS 2.
@@ -155,7 +153,7 @@ def export(
     from protocol.recording.missing import missing_of
 
     require_library(format)
-    recording, void = load_recording(run).deriving(derive or ()), ""
+    recording, void = load_recording(run), ""
     for line in missing_of(recording.meta).lines():
         notify(line)
     if calibration is not None:

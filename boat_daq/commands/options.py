@@ -81,10 +81,6 @@ SetOption = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Metadata: customer, item, serial_number, ...; may be repeated."),
 ]
-DeriveOption = Annotated[
-    list[str] | None,
-    typer.Option("--derive", metavar="NAME=EXPRESSION", help="Derived channel: 'ratio = s1_mv / s2_mv'; repeatable."),
-]
 PlotOption = Annotated[Path | None, typer.Option(help="Also write a plot: PNG, SVG or PDF.")]
 
 

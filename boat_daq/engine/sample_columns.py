@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -12,16 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boat_daq.engine.snapshot import LastSample
-from protocol.link.events import Link
-from protocol.recording import (
-    NOT_FOR_FIGURES,
-    BoardState,
-    DerivedChannel,
-    DerivedColumns,
-    ExtraChannel,
-    SampleFlag,
-    channel_units,
-)
+from protocol.recording import NOT_FOR_FIGURES, BoardState, ExtraChannel, SampleFlag
 
 _PRESSURE_UNKNOWN = int(SampleFlag.PRESSURE_INVALID)
 
@@ -85,41 +76,9 @@ def columns(samples: NDArray[np.void], mv_per_count: float) -> Columns:
     )  # fmt: skip
 
 
-def units_of(link: Link) -> dict[str, str]:
-    """Return the units of the channels of a board's samples, by name."""
-    return channel_units(link.n_sensors or 0, link.sample_kind, link.channels)
-
-
-def channel_columns(
-    samples: NDArray[np.void], block: Columns, extra: Sequence[ExtraChannel]
-) -> dict[str, NDArray[Any]]:
-    """Return the columns that an expression may use, by the names of `protocol.recording.channel_units`."""
-    known: dict[str, NDArray[Any]] = {"pressure_kpa": block.pressure_kpa}
-    known |= {f"s{n + 1}_mv": block.signal_mv[:, n] for n in range(block.signal_mv.shape[1])}
-    for part in ("lit", "dark"):
-        if part in (samples.dtype.names or ()):
-            known |= {f"s{n + 1}_{part}": samples[part][:, n] for n in range(samples[part].shape[1])}
-    return known | {channel.column: samples["channel"][:, i] for i, channel in enumerate(extra)}
-
-
-@dataclass(frozen=True, slots=True)
-class OtherChannels:
-    """What a sample has beside pressure and signals: the extra channels of the board, and those derived."""
-
-    extra: tuple[ExtraChannel, ...] = ()
-    derived: DerivedColumns = field(default_factory=DerivedColumns)
-
-    @property
-    def channels(self) -> tuple[ExtraChannel | DerivedChannel, ...]:
-        """The extra channels, then the derived ones."""
-        return (*self.extra, *self.derived.channels)
-
-    def values(self, samples: NDArray[np.void], block: Columns) -> dict[str, NDArray[np.float64]]:
-        """Return the values [n] by column, in the order of `channels`; samples and block are the same."""
-        found = {c.column: samples["channel"][:, i].astype(np.float64) for i, c in enumerate(self.extra)}
-        if not self.derived.channels:
-            return found
-        return found | self.derived.evaluate(channel_columns(samples, block, self.extra))
+def channel_values(samples: NDArray[np.void], channels: Sequence[ExtraChannel]) -> dict[str, NDArray[np.float64]]:
+    """Return the values [n] of the extra channels of samples, by column."""
+    return {channel.column: samples["channel"][:, i].astype(np.float64) for i, channel in enumerate(channels)}
 
 
 def passed_us(block: Columns, before_us: int, longest_s: float) -> int:

@@ -116,7 +116,6 @@ class MessageKind(enum.StrEnum):
     SLOW = "slow"
     SINK_FAILED = "sink_failed"
     CAMERA = "camera"
-    DERIVED = "derived"
     MARK = "mark"
 
 

@@ -19,7 +19,6 @@ from boat_daq.gui.registry import PAGES, SELDOM, Command, always
 from boat_daq.gui.results.metadata_form import MetadataForm
 from boat_daq.gui.results.runs_page import RunsPage
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
-from boat_daq.gui.widgets.text_dialog import TextDialog
 from boat_daq.viewmodels.common.notices import Severity
 from boat_daq.viewmodels.common.open_windows import start_window
 from boat_daq.viewmodels.common.services import PLACES, Page, Panel, Place, Tab
@@ -28,10 +27,6 @@ from boat_daq.viewmodels.results.metadata import MetadataModel
 
 CONNECTED = "Disconnect the board first."
 NO_GRID = "No plateau of the virtual board waits for a reading."
-DERIVED = (
-    "One a line: NAME [UNIT] = EXPRESSION of pressure_kpa, s1_mv, s1_lit, s1_dark and those above\n"
-    "ratio = s1_mv / s2_mv"
-)
 CONTENTS = {  # what an operator types to find a page or a tab
     Page.MEASURE: "live run plot",
     Page.RECORDINGS: "runs units export compare recover report history",
@@ -115,14 +110,7 @@ def edit(window: MainWindow) -> list[Command]:
 
 def view(window: MainWindow) -> list[Command]:
     """Return the commands of the plots and the theme."""
-    live, run, attempt = window.live, window.model.run, window.model.notices.attempt
-    add, seldom = partial(Command, "View"), _seldom
-
-    def edit_derived() -> None:
-        def take(text: str) -> bool:
-            return attempt(partial(run.set_derived, text), done="The derived channels are in use.")
-
-        TextDialog(window, "Derived channels", DERIVED, run.derived_text(), "Use", take, lines=8)
+    live, add, seldom = window.live, partial(Command, "View"), _seldom
 
     def show_units() -> None:
         if window.units_panel is None:
@@ -156,7 +144,6 @@ def view(window: MainWindow) -> list[Command]:
         add("Overlay the last cycles", "", live.toggle_overlay),
         add("Usual layout of the plots", "", live.use_usual_layout, apart=True, also="hidden axis show all"),
         add("Units of the values …", "", show_units, also=every),
-        add("Derived channels …", "", edit_derived, also="expression formula ratio virtual channel"),
         seldom("Copy the plot", partial(export_plot, "copy"), also="screenshot clipboard"),
         add("Save the plot …", "Ctrl+S", save, apart=True, also="screenshot picture image export png svg csv data"),
         add("Light", "", partial(theme, "light"), apart=True, also="day theme"),

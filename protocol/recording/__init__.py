@@ -1,7 +1,6 @@
 """The recording: its schema, checks of untrusted files, files of readings. Its imports are the interface."""
 
 from protocol.recording.channels import CHANNELS_MAX, RESERVED, ExtraChannel, channels_of, session_channels
-from protocol.recording.derived import DerivedChannel, DerivedColumns, channel_units, parse_definition
 from protocol.recording.metadata import METADATA_EVENT, Metadata, metadata_of
 from protocol.recording.schema import (
     ADDED,

@@ -18,7 +18,6 @@ from typing import Any
 
 from protocol.base.errors import RecordingError, damaged
 from protocol.recording.channels import are_channels
-from protocol.recording.derived import are_derived
 
 Columns = Mapping[str, Mapping[str, tuple[str, bool]]]  # table -> column -> (declared type, whether it is required)
 
@@ -273,7 +272,7 @@ SESSION_VALUES: dict[str, Check] = {
     "resumptions": are_breaks,  # of a resumed run
     "missing": are_missing,  # what a recovery did not find; of salvaged recordings
     "channels": are_channels,  # [name, unit] of each column of the samples' `channel`; newer files
-    "derived": are_derived,  # definitions of derived channels, see `protocol.recording.derived`; newer files
+    "derived": lambda value: isinstance(value, list),  # of older programs; no longer read
     "camera": _of(dict),  # source, mark_mm, u_scale ...; of recordings with a camera
     "video": _of(dict),  # the same of a video taken elsewhere, with its utc and sha256
     "metadata": _of(dict),  # as stated when it began, see `protocol.recording.metadata`; newer files

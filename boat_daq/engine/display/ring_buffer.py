@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from boat_daq.engine.link.block import Block
-from boat_daq.engine.sample_columns import OtherChannels, columns
+from boat_daq.engine.sample_columns import channel_values, columns
 from protocol.link.events import Samples
-from protocol.recording import DerivedChannel, ExtraChannel, SampleFlag
+from protocol.recording import ExtraChannel, SampleFlag
 
 Columns2D = NDArray[np.float64]  # [column, entry]; column 0 never falls
 
@@ -211,7 +211,7 @@ class RingBuffer:
     Parameters
     ----------
     mv_per_count : vref_mv / 2**adc_bits; unused where the samples carry signals in mV.
-    others : extra and derived channels of the samples; each is kept under its `column`, in its own unit.
+    others : extra channels of the samples; each is kept under its `column`, in its own unit.
 
     Attributes
     ----------
@@ -225,10 +225,10 @@ class RingBuffer:
         n_sensors: int,
         *,
         mv_per_count: float,
-        others: OtherChannels | None = None,
+        others: tuple[ExtraChannel, ...] = (),
         capacity: int = DEFAULT_CAPACITY,
     ) -> None:
-        self.others = others or OtherChannels()
+        self.others = others
         self.target_kpa = math.nan
         self.newest_s, self.step_s = math.nan, math.inf
         self._signals = slice(3, 3 + n_sensors)
@@ -238,7 +238,7 @@ class RingBuffer:
             "pressure_kpa",
             "target_kpa",
             *sensors,
-            *(channel.column for channel in self.others.channels),
+            *(channel.column for channel in self.others),
         )
         self._mv_per_count = mv_per_count
         self._pyramid = MinMaxPyramid(len(self.names), capacity)
@@ -268,8 +268,8 @@ class RingBuffer:
         entries[1] = block.pressure_kpa
         entries[2] = self.target_kpa
         entries[self._signals] = block.signal_mv.T
-        if self.others.channels:
-            entries[self._signals.stop :] = list(self.others.values(samples, block).values())
+        if self.others:
+            entries[self._signals.stop :] = list(channel_values(samples, self.others).values())
         if int(np.bitwise_or.reduce(flags)) & _NOT_SHOWN:
             entries[1, (flags & _NOT_SHOWN) != 0] = np.nan
             entries[self._signals, (flags & _IMPLAUSIBLE) != 0] = np.nan
@@ -279,9 +279,9 @@ class RingBuffer:
         self.newest_s = float(entries[0, -1])
 
     @property
-    def channels(self) -> tuple[ExtraChannel | DerivedChannel, ...]:
+    def channels(self) -> tuple[ExtraChannel, ...]:
         """The columns beyond pressures and signals: those of `others`, then the camera's elongation."""
-        return (*self.others.channels, *([_CAMERA] if self._camera is not None else []))
+        return (*self.others, *([_CAMERA] if self._camera is not None else []))
 
     def add_camera(self, host_ns: int, elongation_mm: float | None, u_mm: float | None, rest_mm: float) -> None:
         """Take a frame of a camera, on the camera's thread. `elongation_mm`, `u_mm`: None where it gives none."""

@@ -31,10 +31,10 @@ from numpy.typing import NDArray
 
 from boat_daq.engine.link.health import ClockFit
 from boat_daq.engine.log import note_failure
-from boat_daq.engine.sample_columns import OtherChannels
 from boat_daq.engine.session.measured_blocks import MeasuredBlock, SampleQueue
 from boat_daq.engine.session.session import Session
 from protocol.base.errors import RequestError
+from protocol.recording import ExtraChannel
 
 _EVERY_S = 0.02
 BUFFER_S = 60  # kept for an inlet that does not read
@@ -67,7 +67,7 @@ class LslOutlet:
         pylsl.set_config_content(_NETWORK if network else LOCAL)
         self._session, self._lsl, self._convert = session, pylsl, convert
         self.others = session.live.other_channels()
-        self._columns = (len(seen.last.signal_mv), [channel.column for channel in self.others.channels])
+        self._columns = (len(seen.last.signal_mv), [channel.column for channel in self.others])
         self._channels = _channels(len(seen.last.signal_mv), self.others)
         board_id = seen.hello.board_id if seen.hello else str(seen.port)
         # an inlet seeks a lost stream by its source: virtual boards, which have one identity, must not be confused
@@ -220,11 +220,11 @@ class _Told:
                 yield {"kind": "event", "event": str(message.kind), "level": message.level, "text": message.cause}, None
 
 
-def _channels(sensors: int, others: OtherChannels) -> dict[str, str]:
+def _channels(sensors: int, others: tuple[ExtraChannel, ...]) -> dict[str, str]:
     """Return label and unit of each channel."""
     signals = {f"s{n}_mv": "mV" for n in range(1, sensors + 1)}
     usual = {"pressure_kpa": "kPa", "target_kpa": "kPa", "elongation_mm": "mm", "u_mm": "mm"}
-    return signals | usual | {channel.column: channel.unit for channel in others.channels}
+    return signals | usual | {channel.column: channel.unit for channel in others}
 
 
 def _offset_s(pylsl: Any) -> float:

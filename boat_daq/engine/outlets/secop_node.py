@@ -25,7 +25,7 @@ from boat_daq.engine.file_names import path_in
 from boat_daq.engine.plan import Plan, built_in_plans
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from protocol.base.errors import BoatDaqError, DeviceError, StorageError
-from protocol.recording import BoardState, DerivedChannel, ExtraChannel
+from protocol.recording import BoardState, ExtraChannel
 
 if TYPE_CHECKING:
     from boat_daq.engine.session.session import Session
@@ -117,7 +117,7 @@ class SecopNode:
         seen = session.snapshot()
         sensors = len(seen.last.signal_mv) if seen.last else 2
         ring = session.live.ring
-        others = ring.others.channels if ring is not None else ()
+        others = ring.others if ring is not None else ()
         self.modules = {f"s{n}": self._sensor(n) for n in range(1, sensors + 1)} | {
             "elongation": self._elongation_module(),
             "pressure": self._pressure(seen),
@@ -291,17 +291,18 @@ class SecopNode:
 
         return _Module(f"Sensor {number}.", "Readable", self._readable("mV", read, "Signal, lit less dark."))
 
-    def _channels(self, channels: Iterable[ExtraChannel | DerivedChannel]) -> dict[str, _Module]:
-        """Return a module of each extra and derived channel; a name that is taken is preceded by ``channel_``."""
+    def _channels(self, channels: Iterable[ExtraChannel]) -> dict[str, _Module]:
+        """Return a module of each extra channel; a name that is taken is preceded by ``channel_``."""
 
-        def module(channel: ExtraChannel | DerivedChannel) -> _Module:
+        def module(channel: ExtraChannel) -> _Module:
             def read(_: SessionSnapshot) -> float:
                 ring = self._session.live.ring
                 newest = ring.view(last=1).get(channel.column) if ring is not None else None
                 return float(newest[-1]) if newest is not None and newest.size else math.nan
 
-            kind = "Derived channel" if isinstance(channel, DerivedChannel) else "Channel of the board"
-            return _Module(f"{kind}: {channel.title}.", "Readable", self._readable(channel.unit, read, channel.title))
+            return _Module(
+                f"Channel of the board: {channel.title}.", "Readable", self._readable(channel.unit, read, channel.title)
+            )
 
         taken, found = {name.lower() for name in self.modules}, {}
         for channel in channels:

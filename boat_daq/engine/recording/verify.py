@@ -44,7 +44,7 @@ _STANDING_RESULTS = """
     SELECT id FROM result WHERE id > ?
     AND coalesce(julianday(utc) >= (SELECT max(julianday(utc)) FROM reading), 1)
     AND coalesce(julianday(utc) >= julianday(?), 1) ORDER BY id"""
-_GONE = {"lab_figures"}  # keys of results of older programs
+_GONE = {"derived", "lab_figures"}  # keys of results of older programs
 _WORDING = {"calibration_void", "definition", "note", "notes", "text", "void"}  # keys of a result that hold texts
 
 

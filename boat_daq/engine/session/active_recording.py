@@ -24,7 +24,7 @@ from boat_daq.engine.session.unit_under_test import UnitUnderTest
 from boat_daq.engine.settings import Settings
 from boat_daq.engine.snapshot import CameraReading, MessageKind, RunEnding, SessionState
 from protocol.base.errors import RequestError, StorageError
-from protocol.recording import DerivedColumns, Metadata, RunEnd
+from protocol.recording import Metadata, RunEnd
 
 
 class ActiveRecording:
@@ -37,14 +37,13 @@ class ActiveRecording:
         link: LinkSupervisor,
         settings: Callable[[], Settings],
         unit: UnitUnderTest,
-        derived: Callable[[], DerivedColumns],
     ) -> None:
         self.since_us = 0
         self._stated: tuple[Path, Metadata | None] = Path(), None  # of the recording in progress, where it has changed
         self._filmed: object = None  # the recorder that knows of the camera, and what it knows
         self._about_camera: dict[str, Any] = {}
         self._control, self._journal, self._link = control, journal, link
-        self._settings, self._unit, self._derived = settings, unit, derived
+        self._settings, self._unit = settings, unit
 
     def begin(self, path: Path, metadata: Mapping[str, Any] | None, broken: BrokenRun | None) -> None:
         """Record from now on, or resume the recording of a broken run."""
@@ -162,7 +161,6 @@ class ActiveRecording:
             "rate_hz": control.stream.rate_hz,
             "limits_pa": limits.pascals if limits else None,
             "plan": dataclasses.asdict(plan) if plan else None,
-            "derived": [list(channel) for channel in self._derived().channels],
         }
 
     def _storage_failed(self, error: StorageError) -> None:

@@ -1,24 +1,20 @@
-"""The samples of a session as they come: for the screen in a ring, for others through sinks; with derived channels."""
+"""The samples of a session as they come: for the screen in a ring, for others through sinks."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import numpy as np
 
-from boat_daq.engine.derived_store import load_derived
 from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.link.block import Block
 from boat_daq.engine.link.opening import OpenPort
-from boat_daq.engine.sample_columns import OtherChannels, units_of
 from boat_daq.engine.session.guarded_controller import GuardedController
 from boat_daq.engine.session.journal import Journal
-from boat_daq.engine.snapshot import MessageKind
-from protocol.base.errors import RecordingError, RequestError
 from protocol.link.events import Samples
-from protocol.recording import DerivedChannel, DerivedColumns
+from protocol.recording import ExtraChannel
 
 SampleSink: TypeAlias = Callable[[np.ndarray[Any, Any]], None]
 
@@ -31,7 +27,6 @@ class LiveSamples:
 
     def __init__(self, control: GuardedController, journal: Journal, port: Callable[[], OpenPort | None]) -> None:
         self.ring: RingBuffer | None = None
-        self.derived: tuple[DerivedChannel, ...] = ()
         self._sinks: tuple[SampleSink, ...] = ()
         self._control, self._journal, self._port = control, journal, port
 
@@ -48,7 +43,7 @@ class LiveSamples:
             ring = self.ring = RingBuffer(
                 link.n_sensors,
                 mv_per_count=self._control.controller.mv_per_count,
-                others=OtherChannels(link.channels, self.derived_columns()),
+                others=link.channels,
             )
         ring.target_kpa = self.target_kpa()
         ring(block)
@@ -61,10 +56,10 @@ class LiveSamples:
         target_kpa = self._control.controller.target_kpa
         return math.nan if target_kpa is None else target_kpa
 
-    def other_channels(self) -> OtherChannels:
-        """Return the extra and derived channels of the samples that come now."""
+    def other_channels(self) -> tuple[ExtraChannel, ...]:
+        """Return the extra channels of the samples that come now."""
         ring = self.ring  # another thread may take it away
-        return ring.others if ring is not None else OtherChannels()
+        return ring.others if ring is not None else ()
 
     def add_sink(self, sink: SampleSink) -> Callable[[], None]:
         """Pass every block of samples to `sink` on the reading thread; return the function that removes it."""
@@ -76,38 +71,3 @@ class LiveSamples:
                 self._sinks = tuple(other for other in self._sinks if other is not sink)
 
         return remove
-
-    def load_derived(self) -> None:
-        """Take the stored derived channels; a file that is refused is named in a warning."""
-        try:
-            self.derived = load_derived()
-        except (RequestError, RecordingError) as error:
-            self._journal.tell(MessageKind.DERIVED, "warning", error.cause, error.remedy)
-
-    def set_derived(self, channels: Sequence[DerivedChannel]) -> None:
-        """Use other derived channels from now on; the plots begin anew."""
-        with self._control.lock:
-            if self._journal.recorder is not None:
-                cause = "a recording in progress has the derived channels of its beginning"
-                raise RequestError(cause, "stop the recording first")
-            port = self._port()
-            if port is not None and port.link.n_sensors:
-                DerivedColumns.of(channels, units_of(port.link))
-            self.derived, self.ring = tuple(channels), None
-
-    def derived_columns(self) -> DerivedColumns:
-        """Return the derived channels that the board's samples allow; a warning names each of the others."""
-        port = self._port()
-        if not self.derived or port is None or not port.link.n_sensors:
-            return DerivedColumns()
-        units, good = units_of(port.link), list[DerivedChannel]()
-        for channel in self.derived:
-            try:
-                DerivedColumns.of([*good, channel], units)
-            except RecordingError as error:
-                with self._control.lock:
-                    if all(told.cause != error.cause for told in self._journal.messages):
-                        self._journal.tell(MessageKind.DERIVED, "warning", error.cause, error.remedy)
-            else:
-                good.append(channel)
-        return DerivedColumns.of(good, units)

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from boat_daq.engine.sample_columns import OtherChannels, columns
+from boat_daq.engine.sample_columns import channel_values, columns
+from protocol.recording import ExtraChannel
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -39,7 +40,7 @@ class MeasuredBlock:
     target_kpa : [n] commanded, NaN while nothing is.
     signal_mv : [n, sensors].
     state, flags : [n], see `protocol.recording`.
-    others : [n] each, the extra and derived channels by column, each in its unit.
+    others : [n] each, the extra channels by column, each in its unit.
     skipped : samples discarded before this block because the script did not take them in time. They are recorded.
     """
 
@@ -67,7 +68,7 @@ class MeasuredBlock:
         samples: NDArray[np.void],
         target_kpa: NDArray[np.float64],
         mv_per_count: float,
-        others: OtherChannels,
+        others: tuple[ExtraChannel, ...],
         skipped: int,
     ) -> MeasuredBlock:
         """Return samples of `protocol.recording.sample_dtype` in the lab's units.
@@ -77,7 +78,7 @@ class MeasuredBlock:
         block = columns(samples, mv_per_count)
         time_s = block.time_us.astype(np.float64) * 1e-6
         given = (block.pressure_kpa, target_kpa, block.signal_mv, block.state, block.flags)
-        values = others.values(samples, block)
+        values = channel_values(samples, others)
         return cls(samples["index"], time_s, samples["host_ns"], *given, values, skipped)
 
     def __len__(self) -> int:
@@ -113,12 +114,12 @@ class SampleQueue:
         self,
         target_kpa: Callable[[], float],
         mv_per_count: Callable[[], float],
-        others: Callable[[], OtherChannels] = OtherChannels,
+        others: Callable[[], tuple[ExtraChannel, ...]] = tuple,
         capacity: int = CAPACITY,
     ) -> None:
         self._target_kpa, self._mv_per_count, self._others = target_kpa, mv_per_count, others
         self._capacity = capacity
-        self._waiting: deque[tuple[NDArray[np.void], float, OtherChannels]] = deque()
+        self._waiting: deque[tuple[NDArray[np.void], float, tuple[ExtraChannel, ...]]] = deque()
         self._size = self._skipped = 0
         self._lock = threading.Lock()
 
@@ -135,7 +136,7 @@ class SampleQueue:
     def take(self) -> MeasuredBlock | None:
         """Return all that waits as one block; None where nothing does.
 
-        Samples of another board, or of other derived channels, are left for the next call.
+        Samples of another board, or with other channels, are left for the next call.
         """
         with self._lock:
             if not self._waiting:

@@ -61,7 +61,7 @@ class Session:
 
     Attributes
     ----------
-    live : samples as they come: the ring of the screen, sinks, derived channels.
+    live : samples as they come: the ring of the screen, sinks.
     recording : metadata of the recording in progress, and of closed ones.
     unit_under_test : stores a unit, whose limits then hold at once.
     """
@@ -88,13 +88,11 @@ class Session:
             self._link,
             lambda: self.settings,
             self.unit_under_test,
-            self.live.derived_columns,
         )
         self._health_log = HealthLog(self._health_line)
         self.virtual_board: BoardInThread | None = None
         self._report_backups()
         self._report_shortcomings()
-        self.live.load_derived()
 
     # ---- from a script ---------------------------------------------------------------------------------------------
 

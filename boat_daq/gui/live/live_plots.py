@@ -26,7 +26,7 @@ from boat_daq.viewmodels.live.layout import CAMERA, ELONGATION, PRESSURE, Axes, 
 from boat_daq.viewmodels.live.live_model import CYCLES_KEPT, LiveModel, OverlayModel, PlotFrame, sensor_names
 from boat_daq.workflows.live_conversion import LiveElongation
 from protocol.base.arrays import FloatArray
-from protocol.recording import DerivedChannel, ExtraChannel
+from protocol.recording import ExtraChannel
 
 PREDICTED = "\u2504 predicted, band 95 %"
 PREDICTED_TIP = "The signals that pressure, shadow model and calibration predict, with their 95 % band"
@@ -441,11 +441,11 @@ class OverlayPlots(PlotCard):
         super().__init__("Last cycles overlaid")
         self.model = model
         self.curves: list[list[Curve]] = []  # by sensor
-        self.others: dict[str, list[Curve]] = {}  # by column of an extra or a derived channel
+        self.others: dict[str, list[Curve]] = {}  # by column of an extra channel
         self._plots: dict[str, Plot] = {}  # by column
         self._shown: list[str] = []
 
-    def _arrange(self, names: list[str], channels: Mapping[str, ExtraChannel | DerivedChannel]) -> None:
+    def _arrange(self, names: list[str], channels: Mapping[str, ExtraChannel]) -> None:
         """Show the plots of the sensors and channels that the board has."""
         if names == self._shown:
             return

@@ -24,7 +24,7 @@ from boat_daq.viewmodels.live.layout import title as layout_title
 from boat_daq.workflows.live_conversion import LiveElongation
 from protocol.base.arrays import FloatArray
 from protocol.base.units import NOTHING, STORED_UNITS, ShownUnits, as_text
-from protocol.recording import DerivedChannel, ExtraChannel
+from protocol.recording import ExtraChannel
 
 if TYPE_CHECKING:
     from analysis.signal_prediction.prediction import LivePrediction
@@ -177,8 +177,8 @@ class LiveModel:
         sensors = self.sensors() if self.prediction is not None else 0
         return [difference_of(f"s{n}_mv") for n in range(1, sensors + 1)]
 
-    def channels(self) -> dict[str, ExtraChannel | DerivedChannel]:
-        """Return the extra and derived channels that have had a value, by column."""
+    def channels(self) -> dict[str, ExtraChannel]:
+        """Return the extra channels that have had a value, by column."""
         ring = self.ring()
         found = {channel.column: channel for channel in ring.channels} if ring is not None else {}
         if ring is not None and not found.keys() <= self._measured:
@@ -495,8 +495,8 @@ class OverlayModel:
     steps: Callable[[], tuple[StepMark, ...]]
     time_of: Callable[[int], float | None]
 
-    def channels(self) -> dict[str, ExtraChannel | DerivedChannel]:
-        """Return the extra and derived channels of the board, by column."""
+    def channels(self) -> dict[str, ExtraChannel]:
+        """Return the extra channels of the board, by column."""
         ring = self.ring()
         return {channel.column: channel for channel in ring.channels} if ring is not None else {}
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from boat_daq.engine.derived_store import as_lines, parse_lines, save_derived
 from boat_daq.engine.file_names import check_file_name, named
 from boat_daq.engine.plan import Plan, built_in_plans, resume_point
 from boat_daq.engine.recording.resumption import BrokenRun
@@ -305,16 +304,6 @@ class RunModel:
         now_s = self.live.now_s()
         if self.services.notices.attempt(lambda: self.session.mark(note)) and not math.isnan(now_s):
             self.live.markers.append((now_s, note))
-
-    def derived_text(self) -> str:
-        """Return the definitions of the derived channels, one a line."""
-        return as_lines(self.session.live.derived)
-
-    def set_derived(self, text: str) -> None:
-        """Use the derived channels of some lines, and store them."""
-        channels = parse_lines(text)
-        self.session.live.set_derived(channels)
-        save_derived(channels)
 
     def read_simulated(self, step_id: int) -> None:
         """Enter what the simulated unit's grid shows, to the nearest half millimetre."""

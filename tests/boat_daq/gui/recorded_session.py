@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 
 from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.plan import StepMark
-from boat_daq.engine.sample_columns import OtherChannels
 from boat_daq.engine.settings import Settings
 from boat_daq.engine.snapshot import LastSample, Limits, LinkState, Reading, SessionSnapshot, SessionState
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import Services, UndoHistory
-from protocol.recording import BoardState, DerivedColumns, ExtraChannel, SampleFlag, sample_dtype
+from protocol.recording import BoardState, ExtraChannel, SampleFlag, sample_dtype
 
 if TYPE_CHECKING:
     from boat_daq.gui.main_window import MainWindow
@@ -33,21 +32,18 @@ def filled_ring(
     *,
     seed: int = 1,
     sensors: int = 2,
-    derived: DerivedColumns | None = None,
     channels: tuple[ExtraChannel, ...] = (),
 ) -> RingBuffer:
     """A ring with a triangle of pressure and signals that follow it, with noise; sensors 3 and 4 as 1 and 2.
 
     The first of `channels` rises from 20 by 3 in the time, others have no value.
     """
-    return copy.deepcopy(_ring(seconds, seed, sensors, derived or DerivedColumns(), channels))
+    return copy.deepcopy(_ring(seconds, seed, sensors, channels))
 
 
 @functools.cache
-def _ring(
-    seconds: float, seed: int, sensors: int, derived: DerivedColumns, channels: tuple[ExtraChannel, ...]
-) -> RingBuffer:
-    ring = RingBuffer(sensors, mv_per_count=1.0, others=OtherChannels(channels, derived))
+def _ring(seconds: float, seed: int, sensors: int, channels: tuple[ExtraChannel, ...]) -> RingBuffer:
+    ring = RingBuffer(sensors, mv_per_count=1.0, others=channels)
     ring.target_kpa = 30.0
     samples = _samples(seconds, seed, sensors)
     if channels:
@@ -84,8 +80,7 @@ class RecordedSession:
 
     def __init__(self, shown: SessionSnapshot, ring: RingBuffer | None = None) -> None:
         self.calls: list[str] = []
-        keep = lambda _: self.calls.append("set_derived")  # noqa: E731
-        self.shown, self.live = shown, SimpleNamespace(ring=ring, derived=(), set_derived=keep)
+        self.shown, self.live = shown, SimpleNamespace(ring=ring)
         self.settings = Settings()
         self.kept: list[Reading] = []
         self.marks: tuple[StepMark, ...] = ()

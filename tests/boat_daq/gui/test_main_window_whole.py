@@ -31,7 +31,7 @@ from tests.boat_daq.gui.windows import run_command, shared_window
 
 PANELS = (
     "Connect …", "Streams and remote control …", "Metadata …", "Read from a photograph …",
-    "Units of the values …", "Derived channels …", "Edit a plan of segments …",
+    "Units of the values …", "Edit a plan of segments …",
     "Find a command …",
 )  # fmt: skip
 

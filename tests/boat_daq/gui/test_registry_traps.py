@@ -227,7 +227,6 @@ DIALOGS = {
     "outlets": lambda window: window.show_place(Panel.OUTLETS),
     "import": lambda window: window.import_panel.show(),
     "units": lambda window: run_command(window, "Units of the values \u2026"),
-    "derived": lambda window: run_command(window, "Derived channels \u2026"),
     "metadata": lambda window: run_command(window, "Metadata \u2026"),
     "file": lambda window: run_command(window, "Open a plan \u2026"),
 }

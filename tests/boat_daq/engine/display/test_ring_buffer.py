@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from boat_daq.engine.display.ring_buffer import ColumnRing, MinMaxPyramid, RingBuffer, fold_columns
 from boat_daq.engine.link.block import Block
-from boat_daq.engine.sample_columns import OtherChannels
 from boat_daq.viewmodels.live.live_model import sensor_names
 from protocol import Samples
 from protocol.recording import SampleFlag, channels_of, sample_dtype
@@ -233,7 +232,7 @@ def test_extra_channels_are_columns_of_their_own():
     samples = np.zeros(2, sample_dtype(2, "signal", 2))
     samples["channel"] = [[21.5, 4999.0], [22.5, np.nan]]
     samples["flags"][0] = SampleFlag.IMPLAUSIBLE
-    ring = RingBuffer(2, mv_per_count=1.0, others=OtherChannels(channels))
+    ring = RingBuffer(2, mv_per_count=1.0, others=channels)
     ring.append(samples)
     view = ring.view()
     assert list(view)[5:] == ["temperature_degc", "supply_mv"]

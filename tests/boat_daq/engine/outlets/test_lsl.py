@@ -23,7 +23,6 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings, serve
 from protocol.base.errors import RequestError
-from protocol.recording import parse_definition
 from tests.boat_daq.engine.other_devices import TextBoard
 from tests.boat_daq.engine.served_board import serve_in_thread
 from tests.conftest import reached
@@ -37,13 +36,12 @@ PLAN = Plan("short", "staircase", 1, high_kpa=10.0, low_kpa=0.0, step_kpa=10.0, 
 
 @contextmanager
 def streaming(
-    tmp_path: Path, rate_hz: int, board: Any, profile: str | None = None, derived: tuple[str, ...] = (), **options: Any
+    tmp_path: Path, rate_hz: int, board: Any, profile: str | None = None, **options: Any
 ) -> Iterator[tuple[Session, lsl.LslOutlet]]:
     """Record and stream from a board."""
     with board as served:
         session = Session(Settings(), UnitLibrary(tmp_path / "units"))
         try:
-            session.live.set_derived([parse_definition(text) for text in derived])
             session.connect(served.url, profile, rate_hz=rate_hz, record_to=tmp_path / "run.boat")
             session.wait_connected()
             reached(session, lambda s: session.live.ring is not None, 5)
@@ -119,22 +117,20 @@ def test_an_inlet_receives_every_sample_and_marker(tmp_path: Path) -> None:
         assert text in described
 
 
-def test_extra_and_derived_channels_are_streamed_with_their_units(tmp_path: Path) -> None:
-    """Behind the usual channels, as the recording has them; the unit of a derived channel follows from its terms."""
-    derived = ("warmth = s1_mv / temperature_degc", "share [%] = 100 * s1_mv / (s1_mv + s2_mv)")
+def test_extra_channels_are_streamed_with_their_units(tmp_path: Path) -> None:
+    """Behind the usual channels, as the recording has them."""
     with (
-        streaming(tmp_path, 100, closing(TextBoard()), str(PROFILE), derived) as (session, outlet),
+        streaming(tmp_path, 100, closing(TextBoard()), str(PROFILE)) as (session, outlet),
         inlet_of(outlet, "BOAT") as inlet,
     ):
         described = inlet.info(timeout=10).as_xml()
         values, _ = pulled(inlet, 1.0, session)
     assert len(values) >= 50
     run = load_recording(tmp_path / "run.boat")
-    rows = np.column_stack([run.channel, *run.derived_values().values()])
+    rows = run.channel
     first = int(np.flatnonzero(rows[:, 0] == values[0, 6])[0])
     np.testing.assert_array_equal(values[:, 6:], rows[first : first + len(values)])
-    for label, unit in (("temperature_degc", "degC"), ("warmth", "mV/degC"), ("share", "%")):
-        assert f"<label>{label}</label>\n\t\t\t\t<unit>{unit}</unit>" in described
+    assert "<label>temperature_degc</label>\n\t\t\t\t<unit>degC</unit>" in described
 
 
 def test_sockets_are_bound_to_the_loopback_device(tmp_path: Path) -> None:

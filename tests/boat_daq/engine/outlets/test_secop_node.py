@@ -17,10 +17,9 @@ from hypothesis.stateful import invariant, rule
 from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.outlets.secop_node import SecopNode
 from boat_daq.engine.plan import Plan
-from boat_daq.engine.sample_columns import OtherChannels
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from protocol.base.errors import RequestError
-from protocol.recording import DerivedColumns, channel_units, channels_of, parse_definition, sample_dtype
+from protocol.recording import channels_of, sample_dtype
 from tests.boat_daq.engine.control.test_controller_random_orders import ORDERS, Operators
 from tests.boat_daq.engine.controller_rig import QUICK, ControllerRig
 
@@ -114,27 +113,24 @@ class Clients(Operators):
             assert answer.startswith("reply ")
 
 
-def test_extra_and_derived_channels_are_modules_that_are_only_read() -> None:
+def test_extra_channels_are_modules_that_are_only_read() -> None:
     """Each has its unit and its newest value, none where it has none; no two names differ in their case alone."""
     rig = ControllerRig().connected()
     session = RigSession(rig)
-    extra = channels_of([("temperature", "degC"), ("flow", "L/min")])
-    definitions = [parse_definition(text) for text in ("kelvin [K] = temperature_degc + 273.15", "Vent = 2 * kelvin")]
-    derived = DerivedColumns.of(definitions, channel_units(2, "counts", extra))
-    session.live.ring = RingBuffer(2, mv_per_count=1.0, others=OtherChannels(extra, derived))
+    extra = channels_of([("temperature", "degC"), ("flow", "L/min"), ("vent", "")])
+    session.live.ring = RingBuffer(2, mv_per_count=1.0, others=extra)
     node = SecopNode(session, Path("none"), allow_control=True)
-    assert list(node.modules)[-4:] == ["temperature_degc", "flow_l_per_min", "kelvin", "channel_Vent"]
-    assert next(node.answer("read kelvin")).startswith('error_read kelvin ["Impossible"')
-    samples = np.zeros(2, sample_dtype(2, "counts", 2))
-    samples["channel"] = [[20.0, 1.0], [21.5, np.nan]]
+    assert list(node.modules)[-3:] == ["temperature_degc", "flow_l_per_min", "channel_vent"]
+    assert next(node.answer("read channel_vent")).startswith('error_read channel_vent ["Impossible"')
+    samples = np.zeros(2, sample_dtype(2, "counts", 3))
+    samples["channel"] = [[20.0, 1.0, 4.0], [21.5, np.nan, 5.0]]
     session.live.ring.append(samples)
     for module, value, unit in (
         ("temperature_degc", 21.5, "degC"),
-        ("kelvin", 294.65, "K"),
-        ("channel_Vent", 589.3, "K"),
+        ("channel_vent", 5.0, None),
     ):
         about = node.description()["modules"][module]
-        assert about["accessibles"]["value"]["datainfo"] == {"type": "double", "unit": unit}
+        assert about["accessibles"]["value"]["datainfo"] == {"type": "double", **({"unit": unit} if unit else {})}
         assert about["accessibles"]["value"]["readonly"]
         assert json.loads(next(node.answer(f"read {module}")).split(" ", 2)[2])[0] == pytest.approx(value)
         assert next(node.answer(f"change {module}:value 1", may_control=True)).startswith(

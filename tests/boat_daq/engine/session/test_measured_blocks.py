@@ -7,9 +7,8 @@ import threading
 import numpy as np
 import pandas as pd
 
-from boat_daq.engine.sample_columns import OtherChannels
 from boat_daq.engine.session.measured_blocks import SampleQueue, blocks
-from protocol.recording import DerivedColumns, channel_units, channels_of, parse_definition, sample_dtype
+from protocol.recording import channels_of, sample_dtype
 
 
 def samples(first: int, n: int, sensors: int = 2) -> np.ndarray:
@@ -91,24 +90,20 @@ def test_a_block_is_a_frame_in_the_columns_of_the_export() -> None:
     pd.testing.assert_series_equal(frame["s1_mv"], pd.Series([0.0, 0.5, 1.0], name="s1_mv"))
 
 
-def test_extra_and_derived_channels_are_in_blocks_and_frames() -> None:
-    """The values that the window shows, in the columns of a recording; other definitions are another block."""
-    extra = channels_of([("temperature", "degC")])
-    units = channel_units(2, "counts", extra)
-    derived = DerivedColumns.of([parse_definition("ratio = s1_mv / temperature_degc")], units)
-    definitions = [OtherChannels(extra, derived)]
+def test_extra_channels_are_in_blocks_and_frames() -> None:
+    """The values that the window shows, in the columns of a recording; other channels are another block."""
+    definitions = [channels_of([("temperature", "degC")])]
     waiting = SampleQueue(lambda: 5.0, lambda: 0.5, lambda: definitions[-1])
     array = np.zeros(3, sample_dtype(2, "counts", 1))
     array["lit"][:, 0], array["channel"][:, 0] = [10, 20, 30], [20.0, np.nan, 25.0]
     waiting(array)
     waiting(array[:1])
-    definitions.append(OtherChannels(extra))
+    definitions.append(channels_of([("flow", "")]))
     waiting(array)
     block, later = waiting.take(), waiting.take()
     assert block is not None
     assert later is not None
     np.testing.assert_array_equal(block.others["temperature_degc"], [20.0, np.nan, 25.0, 20.0])
-    np.testing.assert_array_equal(block.others["ratio"], [0.25, np.nan, 0.6, 0.25])
-    assert list(later.others) == ["temperature_degc"]
-    assert list(block.first(2).to_frame().columns)[-2:] == ["temperature_degc", "ratio"]
+    assert list(later.others) == ["flow"]
+    assert list(block.first(2).to_frame().columns)[-1:] == ["temperature_degc"]
     assert len(block.first(2).to_frame()) == 2

@@ -17,7 +17,6 @@ from typing import Any
 
 import pytest
 
-from analysis import load_recording
 from boat_daq.engine.plan import Plan
 from boat_daq.engine.session.reading_sources import enter_simulated_readings
 from boat_daq.engine.session.session import Session
@@ -25,7 +24,7 @@ from boat_daq.engine.settings import Settings, Unit, UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings, serve
 from boat_daq.engine.snapshot import LinkState, MessageKind, RunEnding, SessionState
 from protocol.base.errors import DeviceError, RequestError, StorageError
-from protocol.recording import RunEnd, parse_definition
+from protocol.recording import RunEnd
 from tests.boat_daq.engine.other_devices import Chatter
 from tests.boat_daq.engine.served_board import serve_in_thread
 from tests.conftest import reached
@@ -381,28 +380,3 @@ def test_connect_and_disconnect_many_times(session: Session) -> None:
             assert session.wait(lambda s: s.link is LinkState.CLOSED, 5).link is LinkState.CLOSED
     names = [thread.name for thread in threading.enumerate()]
     assert sum(name.startswith("reader") for name in names) == 0
-
-
-def test_derived_channels_are_shown_stored_and_derived_again(session: Session, tmp_path: Path) -> None:
-    """Live, in the recording and in the analysis: the same bits; one that the board does not allow is named."""
-    definitions = ("ratio = s1_mv / s2_mv", "mix [1] = log(s1_lit) * s2_dark + sin(pressure_kpa)", "gone = s3_mv")
-    session.live.set_derived([parse_definition(text) for text in definitions])
-    with serve_in_thread(BoardSettings(speed=20.0)) as board:
-        session.connect(board.url, record_to=tmp_path / "run.boat")
-        session.wait_connected()
-        with pytest.raises(RequestError, match="in progress"):
-            session.live.set_derived([])
-        reached(session, lambda s: s.recorded_s > 2.0, 10)
-        assert [m.cause for m in session.snapshot().messages if m.kind is MessageKind.DERIVED] == [
-            "derived channel gone: there is no channel 's3_mv'"
-        ]
-        assert session.live.ring is not None
-        session.stop_recording()
-        live = session.live.ring.view()
-    assert meta(tmp_path / "run.boat")["derived"][0] == ["ratio", "1", "s1_mv / s2_mv"]
-    recording = load_recording(tmp_path / "run.boat")
-    frame = recording.to_frame()
-    for name in ("ratio", "mix"):
-        n = min(len(frame), live[name].size)
-        assert n > 100
-        assert frame[name].to_numpy()[:n].tobytes() == live[name][:n].tobytes()

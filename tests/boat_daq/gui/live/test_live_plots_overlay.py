@@ -5,7 +5,7 @@ from __future__ import annotations
 from boat_daq.engine.plan import StepMark
 from boat_daq.gui.live.live_plots import OverlayPlots
 from boat_daq.viewmodels.live.live_model import OverlayModel
-from protocol.recording import DerivedColumns, channel_units, channels_of, parse_definition
+from protocol.recording import channels_of
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 
 
@@ -31,27 +31,26 @@ def test_last_cycles_are_overlaid(make):
     assert window.live.plots.isVisible()
 
 
-def test_a_derived_channel_is_plotted_measured_and_overlaid(make):
+def test_an_extra_channel_is_plotted_measured_and_overlaid(make):
     """A plot of its own with its unit, a row of the statistics, a column of the CSV, and a plot of the last cycles."""
-    derived = DerivedColumns.of([parse_definition("ratio [%] = 100 * s1_mv / s2_mv")], channel_units(2, "signal"))
-    session = RecordedSession(connected(), filled_ring(120.0, derived=derived))
+    session = RecordedSession(connected(), filled_ring(120.0, channels=channels_of([("load", "N")])))
     session.marks = (StepMark(1, 1, "unloading", 0.0, 10.0, 0, ended_us=int(36e6)),)
     window = make(session)
     window.resize(1280, 1000)
     window.refresh()
     window.draw()
     plots = window.live.plots
-    assert "ratio" in [plot.title for plot in plots.rows]
+    assert "Load" in [plot.title for plot in plots.rows]
     for which in ("a", "b"):
         plots.place_cursor(which)
     rows = {span.name: span for span in window.model.live.statistics()}
-    assert 95 < rows["ratio"].mean < 105
-    assert 95 < plots.columns()["ratio"].mean() < 105
+    assert 19 < rows["Load"].mean < 24
+    assert 19 < plots.columns()["load_n"].mean() < 24
     window.live.toggle_overlay()
     window.refresh()
-    overlaid = window.live.overlay.others["ratio"][-1]
+    overlaid = window.live.overlay.others["load_n"][-1]
     assert overlaid.x.size > 100
-    assert window.live.overlay._plots["ratio"].unit == "%"
+    assert window.live.overlay._plots["load_n"].unit == "N"
 
 
 def test_extra_channels_are_overlaid_too(qtbot):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from boat_daq.viewmodels.live.live_model import HEADINGS_SHORT, STATISTICS_HEADINGS, LiveModel, with_holes
 from boat_daq.workflows.live_conversion import LiveElongation
-from protocol.recording import DerivedColumns, channel_units, parse_definition, sample_dtype
+from protocol.recording import sample_dtype
 from tests.boat_daq.gui.recorded_session import connected, filled_ring, idle
 
 
@@ -198,12 +198,3 @@ def test_value_at_an_instant_is_the_mean_about_it(at_s, expected):
         assert values["pressure_kpa"] == pytest.approx(columns["pressure_kpa"][about].mean(), abs=0.05)
     else:
         assert values.get("s1_mv") == expected
-
-
-def test_derived_channels_are_named_with_their_units():
-    """The unit is that of the expression; a ratio has none."""
-    definitions = [parse_definition(text) for text in ("gain = s1_mv / pressure_kpa", "ratio = s1_mv / s2_mv")]
-    derived = DerivedColumns.of(definitions, channel_units(2, "signal"))
-    model = LiveModel(lambda: filled_ring(5.0, derived=derived))
-    assert model.quantities()[-2:] == ["gain", "ratio"]
-    assert (model.text("gain", 2.5), model.text("ratio", 0.5)) == ("2.50 mV/kPa", "0.50")

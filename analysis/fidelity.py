@@ -27,7 +27,6 @@ class Fidelity:
     Attributes
     ----------
     posterior_samples : effective number; 4,000 give a standard deviation to 1.1 %, the width of the 95 % band to 1.5 %.
-    points_a_column : points per column of pixels of a live curve, whose extremes are painted.
     """
 
     level: Level
@@ -36,21 +35,20 @@ class Fidelity:
     walkers: int
     posterior_samples: int
     resamples: int
-    points_a_column: int
 
 
 _LEVELS: dict[str, Fidelity] = {
     "draft": Fidelity(
         level="draft", rays=50, ranking_rays=2_500,
-        walkers=64, posterior_samples=4_000, resamples=100, points_a_column=8,
+        walkers=64, posterior_samples=4_000, resamples=100,
     ),
     "normal": Fidelity(
         level="normal", rays=250, ranking_rays=5_000,
-        walkers=64, posterior_samples=4_000, resamples=2_000, points_a_column=16,
+        walkers=64, posterior_samples=4_000, resamples=2_000,
     ),
     "reference": Fidelity(
         level="reference", rays=1_000, ranking_rays=25_000,
-        walkers=128, posterior_samples=32_000, resamples=50_000, points_a_column=64,
+        walkers=128, posterior_samples=32_000, resamples=50_000,
     ),
 }  # fmt: skip
 

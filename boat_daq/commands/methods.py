@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from boat_daq.commands.console import JsonOption, notify, present, progress_bar
 from protocol.base.errors import writing
-
-if TYPE_CHECKING:
-    from analysis.studies.tradeoff.decimation import Paint
 
 
 def tradeoff(
@@ -20,8 +17,8 @@ def tradeoff(
         list[str] | None,
         typer.Argument(
             metavar="[METHOD]...",
-            help="tracer, ranking, full-fem, reduced-fem, posterior, inverse, segmentation, bootstrap, decimation, "
-            "tracking; whole jobs: calibration, report, sweep; default all.",
+            help="tracer, ranking, full-fem, reduced-fem, posterior, inverse, segmentation, bootstrap, tracking; "
+            "whole jobs: calibration, report, sweep; default all.",
         ),
     ] = None,
     folder: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder for JSON, CSV and charts.")] = Path(
@@ -41,7 +38,7 @@ def tradeoff(
     from analysis.studies.tradeoff.measure import measure_all
     from boat_daq.workflows.measured_methods import tradeoff_methods
 
-    known = tradeoff_methods(_painter())
+    known = tradeoff_methods()
     wanted = chosen(list(known.values()), methods or (), lambda method: (method.name,))
     if "tracking" not in known:
         notify("OpenCV is not installed: the camera's tracker is not measured")
@@ -54,18 +51,6 @@ def tradeoff(
     lines = (f"{measured.method.title}: {measured.verdict}" for measured in results)
     present(report_json(results, quick=quick), *lines, as_json=as_json)
     notify(f"{len(files)} files in {folder}")
-
-
-def _painter() -> Paint | None:
-    """Return what paints a curve of the live plot; None where Qt is not available."""
-    from analysis.studies.tradeoff.decimation import HEIGHT_PX, WIDTH_PX
-
-    try:
-        from boat_daq.gui.models.tradeoff_jobs import painter
-    except ImportError:  # a computer without a screen may lack libraries of Qt
-        notify("Qt is not available: painting of the live plot is not measured")
-        return None
-    return painter(WIDTH_PX, HEIGHT_PX)
 
 
 def atlas(

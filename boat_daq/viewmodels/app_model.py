@@ -106,7 +106,6 @@ class AppModel:
         self.calibration.show_units(units)
 
     def _use_fidelity(self, chosen: Fidelity) -> None:
-        self.live.points_a_column = chosen.points_a_column
         self.optics.set_fidelity(chosen)
         self.calibration.fidelity = self.repeatability.fidelity = self.runs.fidelity = chosen
 

@@ -31,20 +31,17 @@ def test_finer_levels_are_nowhere_coarser() -> None:
         "walkers",
         "posterior_samples",
         "resamples",
-        "points_a_column",
     ):
         values = np.array([np.prod(getattr(level, name)) for level in (draft, normal, reference)])
         assert (np.diff(values) >= 0).all(), name
 
 
 def test_the_normal_level_is_the_default() -> None:
-    """Defaults written elsewhere (tracer, live plot) are normal's."""
+    """The tracer's default, written elsewhere, is normal's."""
     from analysis.optics.scene.parameters import Light
-    from boat_daq.viewmodels.live.live_model import LiveModel
 
     normal = fidelity("normal")
     assert Light().rays == normal.rays
-    assert LiveModel(lambda: None).points_a_column == normal.points_a_column
 
 
 def test_the_error_of_a_mesh_is_the_measured_one() -> None:

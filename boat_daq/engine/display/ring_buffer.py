@@ -130,8 +130,7 @@ def fold_columns(points: Columns2D, column_s: float) -> Columns2D:
     """Return points by columns of pixels.
 
     Minima at each column's first time, maxima at its last, [columns, m].
-    The columns are anchored in time, so a picture that scrolls does not flicker. `boat-daq tradeoff decimation`
-    compares it with all points [columns, n], time first.
+    The columns are anchored in time, so a picture that scrolls does not flicker.
     """
     if not points.shape[1]:
         return points

@@ -19,7 +19,6 @@ from analysis.studies.tradeoff.measure import MARGIN
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.formatting import duration_text, number, quantity
 from boat_daq.gui import style
-from boat_daq.gui.models.tradeoff_jobs import measure_methods
 from boat_daq.gui.plotting.axes import LogAxis
 from boat_daq.gui.plotting.plot import Plot, PlotBox, sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
@@ -158,7 +157,6 @@ class TradeoffPage(ReflowingPage):
         super().__init__()
         self.model, self.precision, self.services = model, precision, services
         self._revision = -1
-        self.model.measurer = measure_methods
         self.overview, self.defaults = OverviewCard(model), DefaultsTable()
         self.measured = controls.label("", "small", wrap=True)
         defaults, _ = controls.card((self.defaults, 1))

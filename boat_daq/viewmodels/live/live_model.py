@@ -33,6 +33,7 @@ Columns = Mapping[str, FloatArray]
 
 WINDOWS_S = (10.0, 30.0, 60.0, 120.0, 300.0, 900.0, 3600.0, math.inf)
 HEADLINE_S = 0.2  # a value is the mean over this time, so that it is legible
+POINTS_A_COLUMN = 16  # read for each column of pixels, of which two are painted
 HOLE_S = 1.0  # without a sample: a disconnected board, not a lost frame
 _QUICK_SAMPLES = 128  # samples
 PIXELS_A_FRAME = 0.6  # a smaller motion need not be drawn
@@ -142,7 +143,6 @@ class LiveModel:
     inverse: Inverse | None = None
     prediction: LivePrediction | None = None
     window_s: float = 60.0
-    points_a_column: int = 16  # read for each column of pixels, of which two are painted; set by the precision
     cursors_s: dict[str, float] = field(default_factory=dict)  # "a", "b"
     markers: list[tuple[float, str]] = field(default_factory=list)  # notes at instants of the ring's time
     frozen_s: tuple[float, float] | None = None  # the span, where it does not follow the data
@@ -257,7 +257,7 @@ class LiveModel:
         if ring is None:
             return None
         low, high = self._shown_s(width)
-        most, column_s = max(200, self.points_a_column * width), (high - low) / max(width, 1)
+        most, column_s = max(200, POINTS_A_COLUMN * width), (high - low) / max(width, 1)
         points = ring.draw(low, high, max_points=most, column_s=column_s)
         return self._picture(width, low, high, with_holes(points)) if points["time_s"].size else None
 

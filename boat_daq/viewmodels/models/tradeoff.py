@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,6 @@ METHOD_NAMES = {
     "inverse": "Signal to elongation",
     "segmentation": "Plateaus and cycles",
     "bootstrap": "Intervals (bootstrap)",
-    "decimation": "Live plot",
     "tracking": "Camera",
     "calibration": "Job: calibration",
     "report": "Job: report",
@@ -95,9 +94,6 @@ class TradeoffModel:
 
     def __init__(self, jobs: JobRunner, folder: Path) -> None:
         self.jobs, self.path = jobs, folder / "tradeoff.json"
-        self.measurer: Callable[..., dict[str, Any]] = (
-            measured_methods.measure_methods
-        )  # the window has one that paints
         self.revision = 0
         self.problem = ""
         self.own = False
@@ -119,7 +115,7 @@ class TradeoffModel:
         if self.job is not None:
             self.jobs.cancel(_JOB)
             return
-        self.jobs.start(_JOB, Job("Measuring this computer", self.measurer), self._ended)
+        self.jobs.start(_JOB, Job("Measuring this computer", measured_methods.measure_methods), self._ended)
         self.problem = ""
 
     def _ended(self, job: Job) -> None:

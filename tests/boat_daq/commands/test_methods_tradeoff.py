@@ -22,15 +22,13 @@ from analysis.studies.tradeoff.measure import CostPoint, Measured, Method, measu
 from analysis.studies.tradeoff.methods import JOBS, METHODS, STEPS
 from boat_daq.cli import app
 from boat_daq.viewmodels.models.tradeoff import METHOD_NAMES as ON_THE_PAGE
-from boat_daq.workflows.measured_methods import camera_tracker, live_plot
+from boat_daq.workflows.measured_methods import camera_tracker
 from protocol.base.errors import RequestError, StorageError
 
 ROOT = Path(__file__).resolve().parents[3]
 RECORDED = ROOT / "analysis" / "studies" / "tradeoff" / "references" / "measured.json"
 CHARTS = ROOT / "docs" / "tradeoff"
-LIVE_PLOT = live_plot()
-ALL = METHODS | {LIVE_PLOT.name: LIVE_PLOT}
-RULED = [*(step.name for step in STEPS), LIVE_PLOT.name]
+RULED = [step.name for step in STEPS]
 """Methods whose settings the rule chooses; a job's follow from theirs."""
 
 
@@ -86,18 +84,7 @@ def test_ctrl_c_ends_a_measurement_with_130(tmp_path: Path) -> None:
 
 def test_the_page_offers_what_the_command_measures() -> None:
     """One list of methods."""
-    assert set(ON_THE_PAGE) == {*ALL, camera_tracker().name}
-
-
-def test_painting_counts_and_a_spike_of_one_sample_is_drawn() -> None:
-    """Every setting paints once a call; the finest loses nothing, the coarsest has a visible error."""
-    painted: list[int] = []
-    settings = live_plot(lambda points: painted.append(points.shape[1])).settings(True)
-    errors = [setting.error(setting.call(0)) for setting in settings]
-    assert len(painted) == len(settings)
-    assert painted == sorted(painted)
-    assert errors[-1] < LIVE_PLOT.tolerance / 10 < LIVE_PLOT.tolerance < errors[0]
-    assert live_plot(lambda _: None).per != LIVE_PLOT.per
+    assert set(ON_THE_PAGE) == {*METHODS, camera_tracker().name}
 
 
 @pytest.fixture(scope="module")
@@ -108,8 +95,8 @@ def recorded() -> dict[str, Measured]:
     def point(row: dict[str, Any]) -> CostPoint:
         return CostPoint(**{**row, **{name: math.inf for name in MAY_BE_INFINITE if row[name] is None}})
 
-    kept = {m["name"]: m["points"] for m in content["methods"] if m["name"] in ALL}
-    return {name: Measured.of(ALL[name], [point(row) for row in rows]) for name, rows in kept.items()}
+    kept = {m["name"]: m["points"] for m in content["methods"] if m["name"] in METHODS}
+    return {name: Measured.of(METHODS[name], [point(row) for row in rows]) for name, rows in kept.items()}
 
 
 @pytest.mark.parametrize("name", RULED)
@@ -142,7 +129,7 @@ def test_named_machine_and_its_date_are_given() -> None:
     assert content["machine"]["processor"]
     assert content["machine"]["date_utc"].startswith("20")
     assert all(m["independent"] for m in content["methods"] if m["name"] in RULED)
-    for name in ("overview", *ALL):
+    for name in ("overview", *METHODS):
         assert (CHARTS / f"{name}.png").stat().st_size < 250_000
 
 
@@ -151,7 +138,7 @@ def test_named_machine_and_its_date_are_given() -> None:
 @pytest.mark.parametrize("name", RULED)
 def test_measured_here_and_now_the_default_is_good_enough_and_costs_no_more_than_it_must(name: str) -> None:
     """The default is below its tolerance by the margin here too; what is good enough saves less than half of it."""
-    found = measure(ALL[name], quick=False)
+    found = measure(METHODS[name], quick=False)
     points = {p.setting: p for p in found.points}
     default = points[found.method.default]
     assert 2.0 * default.error <= found.method.tolerance * 1.1

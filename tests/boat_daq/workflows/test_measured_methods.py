@@ -16,7 +16,7 @@ def test_measured_methods_are_read_by_the_page(monkeypatch):
         "fake", "Fake", "truth", True, "reader", 0.1, "mm", "a call",
         lambda level: "bad" if level.level == "draft" else "good", lambda quick: settings,
     )  # fmt: skip
-    monkeypatch.setattr(measured_methods, "tradeoff_methods", lambda paint: {"fake": fake, "other": fake})
+    monkeypatch.setattr(measured_methods, "tradeoff_methods", lambda: {"fake": fake, "other": fake})
     seen = []
     content = measured_methods.measure_methods(progress=lambda done, total: seen.append(done))
     assert seen == sorted(seen)

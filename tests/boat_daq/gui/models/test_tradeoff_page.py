@@ -8,10 +8,10 @@ from PySide6.QtWidgets import QApplication
 
 from analysis.fidelity import fidelity
 from analysis.studies.tradeoff.references import load
-from boat_daq.gui.models import tradeoff_jobs
 from boat_daq.gui.plotting.axes import LogAxis, log_ticks
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.models import tradeoff
+from boat_daq.workflows import measured_methods
 from boat_daq.workflows.jobs import JobState
 from tests.boat_daq.gui.recorded_session import RecordedSession, idle
 from tests.boat_daq.viewmodels.models.reports import report
@@ -45,13 +45,13 @@ def page(qtbot, app_model):
 
 
 def test_fidelity_is_applied_and_kept(page, app_model):
-    """Draft and reference move rays, table, sampler and live points; the choice is there at the next start."""
+    """Draft and reference move rays, table and sampler; the choice is there at the next start."""
     draft, reference = fidelity("draft"), fidelity("reference")
     assert draft.rays < reference.rays
     page.level.setCurrentIndex(page.level.findData("draft"))
     page.level.activated.emit(page.level.currentIndex())
-    assert (app_model.live.points_a_column, app_model.optics.fidelity.rays, app_model.calibration.fidelity) == (
-        draft.points_a_column, draft.rays, draft,
+    assert (app_model.optics.fidelity.rays, app_model.calibration.fidelity) == (
+        draft.rays, draft,
     )  # fmt: skip
     app_model.precision.choose("reference")
     assert app_model.runs.fidelity.level == app_model.calibration.fidelity.level == "reference"
@@ -79,7 +79,7 @@ def test_measurement_of_this_computer_starts_reports_progress_and_is_cancelled(p
         label, state, fraction, failure, permille = "Measuring", JobState.RUNNING, 0.4, None, 400
 
         def __init__(self, label, function):
-            assert function is tradeoff_jobs.measure_methods
+            assert function is measured_methods.measure_methods
 
         def poll(self):
             return self.state

@@ -24,7 +24,7 @@ def measured(model):
 
 def test_page_lists_the_methods_of_the_commands():
     """No method of the commands is missing in the window, none is invented."""
-    assert set(METHOD_NAMES) == {*MEASURED, "decimation", "tracking"}
+    assert set(METHOD_NAMES) == {*MEASURED, "tracking"}
 
 
 def test_shipped_measurement_is_shown_at_once(tmp_path):

@@ -208,9 +208,6 @@ def results(window: MainWindow) -> list[Command]:
     def has_result() -> bool:
         return model.result is not None
 
-    def edit_contributions() -> None:
-        window.pages[Tab.CALIBRATION].edit_contributions()
-
     def export() -> None:
         window.pages[Tab.CALIBRATION].ask_export()
 
@@ -220,7 +217,7 @@ def results(window: MainWindow) -> list[Command]:
     def exportable() -> bool:
         return window.place is Tab.CALIBRATION and model.exports()
 
-    kinds, state = "recording csv import table plan profile", on_page(edit_contributions)
+    kinds = "recording csv import table plan profile"
     bands = "mcmc posterior sample"
     return [
         add("Open a file …", "Ctrl+O", open_file, also=kinds),
@@ -230,7 +227,6 @@ def results(window: MainWindow) -> list[Command]:
         add("Certificate …", "", certify, exportable, also="iso 17025 dcc pdf xml customer laboratory"),
         add("Export calibration …", "", export, exportable, also="c matlab octave json code table"),
         add("Prepare the control of elongation …", "", prepare_control, also="identify tune hysteresis gains"),
-        seldom("Type B contributions …", state, has_result, also="uncertainty scale"),
         seldom("Compute uncertainty bands (emcee)", on_page(model.sample), has_result, also=bands),
     ]
 

@@ -13,7 +13,6 @@ from boat_daq.engine.described import Described, StoredChange, described
 from boat_daq.engine.settings import Settings, Unit
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
-from boat_daq.gui.results.contributions_form import ContributionsForm
 from boat_daq.gui.results.metadata_form import MetadataForm
 from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.data_table import DataTable
@@ -148,9 +147,6 @@ class SettingsPage(ReflowingPage):
         self.calibrations = controls.label("", "muted", wrap=True)
         self.explanation = controls.label("", "muted", wrap=True)
         self.metadata = controls.button("Metadata \u2026", self._metadata, tip="What its next recordings state")
-        self.contributions = controls.button(
-            "Type B \u2026", self._contributions, tip="Contributions to the uncertainty that no run shows"
-        )
         self.path = controls.label("", "small", wrap=True)
         self.changes = DataTable("What changed when", ("When (UTC)", "Value", "Change"), stretched=2)
         self.changes.setMinimumHeight(style.QUESTION_LEAST)
@@ -164,7 +160,7 @@ class SettingsPage(ReflowingPage):
         )
         self.side, _ = controls.card((self.list, 1), controls.row((self.name, 1), self.add), files)
         self.reset = controls.button("All defaults", self._reset, tip="Calibrations, metadata and contributions stay")
-        foot = controls.row(self.metadata, self.contributions, None, self.reset)
+        foot = controls.row(self.metadata, None, self.reset)
         values, _ = controls.card(
             self.title, self.explanation, self.broken, self.leaves, self.calibrations, None, foot, self.path
         )
@@ -214,7 +210,7 @@ class SettingsPage(ReflowingPage):
         self.title.setText(f"Unit {self.subject}" if is_unit else "This program")
         self.explanation.setText(f"{_LIMITS} {_EXPLANATION}" if is_unit else _EXPLANATION)
         self.path.setText(str(self.model.file(self.subject)))
-        for part in (self.metadata, self.contributions, self.calibrations):
+        for part in (self.metadata, self.calibrations):
             part.setVisible(is_unit)
         self.broken.hide()
         try:
@@ -227,7 +223,7 @@ class SettingsPage(ReflowingPage):
         self.calibrations.setText(shown.calibrations)
         self.leaves.setVisible(bool(shown.texts))
         self.forms[is_unit].show_texts(shown.texts, self.subject)
-        for button in (self.metadata, self.contributions, self.reset):
+        for button in (self.metadata, self.reset):
             button.setEnabled(bool(shown.texts))
         rows = self.forms[is_unit].rows
         cells = [self._change_cells(change, rows) for change in shown.changes]
@@ -267,10 +263,6 @@ class SettingsPage(ReflowingPage):
     def _metadata(self) -> None:
         form = partial(self.model.metadata, self.subject)
         self.services.notices.attempt(lambda: MetadataForm(self, form(), self.services).show())
-
-    def _contributions(self) -> None:
-        form = partial(self.model.contributions, self.subject)
-        self.services.notices.attempt(lambda: ContributionsForm(self.window(), form(), self.services).show())
 
     def _import(self) -> None:
         def take(path: Path) -> None:

@@ -40,7 +40,6 @@ from boat_daq.engine.settings import (
 from boat_daq.engine.toml_values import read_text
 from boat_daq.formatting import count
 from boat_daq.viewmodels.common.services import Change, UndoHistory
-from boat_daq.viewmodels.results.contributions import ContributionsModel
 from boat_daq.viewmodels.results.metadata import MetadataModel
 from protocol.base.errors import RequestError
 from protocol.base.whole_file import write_whole
@@ -110,10 +109,6 @@ class SettingsModel:
     def metadata(self, unit: str) -> MetadataModel:
         """Return the form of what the unit's next recordings state."""
         return MetadataModel.of_unit(self._units, unit, self._undo)
-
-    def contributions(self, unit: str) -> ContributionsModel:
-        """Return the form of the unit's type B contributions."""
-        return ContributionsModel(self._units, unit, self._undo, self._grown)
 
     # ---- what is stored --------------------------------------------------------------------------------------------
 

@@ -19,7 +19,6 @@ from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.results.camera_tab import CameraTab
 from boat_daq.gui.results.certificate_panel import CertificatePanel
 from boat_daq.gui.results.closed_readings import ClosedReadings
-from boat_daq.gui.results.contributions_form import ContributionsForm
 from boat_daq.gui.results.figure_table import SIDE, FigureTable, KeyFigures
 from boat_daq.gui.results.repeat_page import limit_lines
 from boat_daq.gui.widgets import controls
@@ -47,7 +46,6 @@ ACCEPT_TIP = "Store it with the unit and use it live"
 ANYWAY_TIP = "Store it with the unit, marked as out of tolerance, and use it live"
 _NO_CYCLE = "A loop needs one complete cycle."
 _BRANCHES = (("Loading", "Residual, loading", True), ("Unloading", "Residual, unloading", False))
-CONTRIBUTIONS_TIP = "State what grid, parallax, pressure gauge and temperature add to the uncertainty"
 CERTIFICATE_TIP = "Certificate of this calibration as PDF and XML: requests what is missing, and shows the pages"
 CHOICE_TIP = "The curve of all sensors; cross-validation takes for each the simplest that predicts best"
 CURVE_TIPS = {
@@ -329,12 +327,6 @@ class CalibrationPage(QWidget):
             ).show()
         )
 
-    def edit_contributions(self) -> None:
-        """Show the form of the unit's type B contributions in a panel beside the window."""
-        self.services.notices.attempt(
-            lambda: ContributionsForm(self.window(), self.model.contributions(), self.services).show()
-        )
-
     def _next_step(self) -> None:
         """Take the next step towards a missing curve."""
         if self._step is NextStep.ENTER_READINGS:
@@ -353,9 +345,7 @@ class CalibrationPage(QWidget):
         compared = controls.column(style.GAP, self.comparison, (self.coefficients, 1), spacing=style.GAP)
         self.budget = FigureTable("Uncertainty of an elongation, and the published limits; sources as tooltips")
         self.traced = controls.label("", "small", wrap=True, name="Traceability, and where U is given")
-        self.contributions = controls.button("Type B \u2026", self.edit_contributions, tip=CONTRIBUTIONS_TIP)
-        traced = controls.row((self.traced, 1), self.contributions)
-        parts = (self.uncertainty, 2), traced, (self.budget, 3)
+        parts = (self.uncertainty, 2), self.traced, (self.budget, 3)
         uncertainty = controls.inside(controls.column(*parts, spacing=style.GAP))
         self.camera = CameraTab()
         others = (self._curve_tab(), "Curve"), (controls.inside(compared), "Previous"), (self.camera, "Camera")
@@ -413,8 +403,6 @@ class CalibrationPage(QWidget):
         self._show_acceptance()
         self.choice.setCurrentIndex(self.choice.findData(self.model.curve_shown))
         controls.allow(self.choice, "" if result is not None else "No run is analysed yet.")
-        named = result is not None and bool(result.unit)
-        controls.allow(self.contributions, "" if named else "No run of a unit is analysed yet.")
         self.sample.setEnabled(self.model.samples())
         self.report.setEnabled(result is not None)
         self.export.setEnabled(self.model.exports())

@@ -16,6 +16,7 @@ from typing import Any
 from analysis.calibration.compare import Agreement, compare_fits
 from analysis.calibration.curve_choice import AUTO, CURVES, SPLINE, USUAL_DEGREE
 from analysis.calibration.record import CalibrationRecord, SensorRecord
+from analysis.calibration.type_b import Traceability
 from analysis.fidelity import Fidelity, fidelity
 from boat_daq.engine.recording.rename import companions
 from boat_daq.engine.session.session import Session
@@ -35,7 +36,6 @@ from boat_daq.viewmodels.results.calibration_texts import (
     verdict_text,
 )
 from boat_daq.viewmodels.results.certificates import CertificateModel
-from boat_daq.viewmodels.results.contributions import ContributionsModel, traceability_text
 from boat_daq.viewmodels.results.metadata import MetadataModel
 from boat_daq.viewmodels.results.run_result import CurveBands, RunResult, SensorResult, analyse_run, sample_run
 from boat_daq.workflows.acceptance import (
@@ -142,18 +142,6 @@ class CalibrationModel:
             f"Analysing {path.name}", analyse_run, str(path), level=self.fidelity.level, curve=self.choice, compare=True
         )  # fmt: skip
         self.jobs.start("analysis", job, self._analysed, self._show_first)
-
-    def contributions(self) -> ContributionsModel:
-        """Return the type B contributions of the unit of the run; the run is analysed again after each change."""
-        result = self.result
-        if result is None or not result.unit:
-            raise RequestError("no run of a unit is analysed", "Analyse a run of the unit first.")
-
-        def changed() -> None:
-            if self.result is not None and (self.result.unit, self.result.simulated) == (result.unit, result.simulated):
-                self.follow_change()
-
-        return ContributionsModel(self._units_of(result), result.unit, self._services.undo, changed)
 
     def certificate(self) -> CertificateModel:
         """Return the state of the certificate's panel for the run that is shown."""
@@ -509,3 +497,9 @@ def _agreement(sensor: SensorResult, before: SensorRecord) -> Agreement | None:
         return compare_fits(sensor.record.fit, before.fit)
     except (BoatDaqError, KeyError):
         return None
+
+
+def traceability_text(found: Traceability | None) -> str:
+    """Return whether an elongation is traceable, as a sentence with its mark; empty where it is not known."""
+    mark = "\u25cf" if found is not None and found.traceable else "\u25b2"
+    return f"{mark} An elongation is {found.text}." if found is not None else ""

@@ -14,7 +14,6 @@ from boat_daq.engine.settings import Settings, StoredCalibration, Unit, UnitLibr
 from boat_daq.engine.simulator.server import BoardSettings
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.viewmodels.common.services import UndoHistory
-from boat_daq.viewmodels.results.contributions import ContributionFields
 from boat_daq.viewmodels.settings_model import PROGRAM, SettingsModel
 from protocol.base.errors import RequestError
 from tests.boat_daq.engine.served_board import serve_in_thread
@@ -109,10 +108,9 @@ def test_a_unit_and_settings_are_exported_and_imported(model, tmp_path):
     model._units.add_calibration("SA9", {"b0": 1.5, "simulated": False}, recording="run.boat")
     assert [(c.key, c.after) for c in model.shown("SA9").changes] == [("Calibration", "run.boat")]
     assert "Unit SA9" in dict(model.subjects(""))
-    model.contributions("SA9").state("scale", ContributionFields(value="0.2", unit="percent", stated="u"))
     model.metadata("SA9").state({"customer": "A & Co"})
     changed = {change.key: change.after for change in model.shown("SA9").changes}
-    assert changed["metadata.customer"] == "A & Co" and "u_percent = 0.2" in changed["type_b.scale"]
+    assert changed["metadata.customer"] == "A & Co"
 
 
 def test_calibrations_of_both_libraries_are_named(model):

@@ -1,4 +1,4 @@
-"""Figures of a unit's dynamics as values, with their texts: for a report, a window and a command."""
+"""Figures of a unit's dynamics as values, with their texts: for a command."""
 
 from __future__ import annotations
 
@@ -7,15 +7,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from analysis.json_object import json_object
-from protocol.base.arrays import FloatArray
 
-STEP_FIGURES = {  # with the decimals that are shown
-    "time_constant_s": ("time constant, s", 3),
-    "rise_s": ("rise (10 to 90 %), s", 3),
-    "settling_s": ("settling, s", 2),
-    "overshoot_percent": ("overshoot, %", 1),
-}
-STEP_HEADINGS = ("step", *(label for label, _ in STEP_FIGURES.values()))
 BODE_HEADINGS = ("frequency, amplitude", "gain, dB", "phase, °")
 
 
@@ -39,10 +31,6 @@ class StepFigures:
     bandwidth_hz: DynamicFigure  # at -3 dB
     phase_lag_deg: DynamicFigure
 
-    def as_json(self) -> dict[str, Any]:
-        """Return value, low and high of each figure, by name."""
-        return asdict(self)
-
 
 @dataclass(frozen=True, slots=True)
 class BodePoint:
@@ -62,7 +50,7 @@ class BodePoint:
 
 @dataclass(frozen=True, slots=True)
 class DynamicCalibration:
-    """The dynamics of a run; `responses` are times and mean response [2, n] of each size of step, as a share of it."""
+    """The dynamics of a run."""
 
     # unit, simulated, recording: the unit and the run
     unit: str
@@ -72,7 +60,6 @@ class DynamicCalibration:
     steps: dict[float, dict[str, DynamicFigure]]  # figures by the size of the step, mm
     bode: tuple[BodePoint, ...]  # a point for each frequency and amplitude
     bandwidth_hz: DynamicFigure  # at -3 dB, with its interval; NaN where no sine reaches it
-    responses: dict[float, FloatArray] = field(default_factory=dict)
     counts: dict[float, int] = field(default_factory=dict)  # number of the steps of each size
     recorded_utc: str = ""
     calibration_utc: str = ""
@@ -95,16 +82,6 @@ class DynamicCalibration:
         upper = f"{edge.high:.2f}" if math.isfinite(edge.high) else f"more than {highest:g}"
         return f"{edge.value:.2f} Hz ({edge.low:.2f} to {upper} Hz) at -3 dB"
 
-    def step_rows(self) -> tuple[tuple[str, ...], ...]:
-        """Return the figures of the steps as texts, in the order of `STEP_HEADINGS`."""
-        return tuple(
-            (
-                f"{size:g} mm" + (f", {self.counts[size]} times" if size in self.counts else ""),
-                *(_with_interval(figures[key], decimals) for key, (_, decimals) in STEP_FIGURES.items()),
-            )
-            for size, figures in self.steps.items()
-        )
-
     def bode_rows(self) -> tuple[tuple[str, ...], ...]:
         """Return gain and phase with U (k = 2) as texts, in the order of `BODE_HEADINGS`."""
         return tuple(
@@ -122,7 +99,7 @@ class DynamicCalibration:
             {
                 "step_mm": size,
                 "count": self.counts.get(size),
-                **{name: json_object(figure) for name, figure in figures.items()},
+                **{name: asdict(figure) for name, figure in figures.items()},
             }
             for size, figures in self.steps.items()
         ]
@@ -130,10 +107,3 @@ class DynamicCalibration:
         edge = [self.bandwidth_hz.low, self.bandwidth_hz.high]
         found = json_object(self, *head) | {"steps": steps}
         return found | json_object(self, "bode", "bandwidth_hz=bandwidth_hz.value") | {"bandwidth_95_hz": edge}
-
-
-def _with_interval(figure: DynamicFigure, decimals: int) -> str:
-    """Return a value with half the width of its interval."""
-    half = (figure.high - figure.low) / 2
-    text = f"{figure.value:.{decimals}f}"
-    return f"{text} ± {half:.{decimals}f}" if math.isfinite(half) else text

@@ -18,15 +18,47 @@ import numpy as np
 from analysis.calibration.inverse import Fusion
 from analysis.data.recording import Recording
 from analysis.elongation_control.controller import Tuning
-from analysis.elongation_control.dynamic_figures import BodePoint, DynamicFigure
-from analysis.elongation_control.dynamics import Lag, bode_point, fit_lag, mean_bode_point, step_figures
+from analysis.elongation_control.dynamic_figures import BodePoint, DynamicCalibration, DynamicFigure
+from analysis.elongation_control.dynamics import Lag, bandwidth, bode_point, fit_lag, mean_bode_point, step_figures
 from analysis.elongation_control.hysteresis import HysteresisModel, identify
 from analysis.elongation_control.sensor_loop import SensorLoops
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError
 from protocol.recording import NOT_FOR_FIGURES, SampleFlag, Segment
 
+
+def dynamic_calibration(
+    recording: Recording,
+    fusion: Fusion,
+    *,
+    loops: SensorLoops | None = None,
+    calibration_utc: str = "",
+) -> DynamicCalibration:
+    """Return the dynamics of a run with steps or sines of elongation."""
+    segments = recorded_segments(recording)
+    stepped, swept = any(one.step_mm for one in segments), any(one.is_sine_of_elongation for one in segments)
+    if not (stepped or swept):
+        raise DataError(
+            "this run has neither steps nor sines of elongation", "Record one with the plan steps-mm or sine-sweep-mm."
+        )
+    steps: dict[float, list[StepResponse]] = step_responses(recording, fusion, loops) if stepped else {}
+    bode: tuple[BodePoint, ...] = bode_of_run(recording, fusion, loops) if swept else ()
+    return DynamicCalibration(
+        recording.unit,
+        recording.simulated,
+        recording.source,
+        TOLERANCE_MM,
+        {size: step_response_figures(rows) for size, rows in steps.items()},
+        bode,
+        bandwidth(bode),
+        {size: len(rows) for size, rows in steps.items()},
+        recording.started_utc,
+        calibration_utc,
+    )
+
+
 GRID_S = 0.01
+TOLERANCE_MM = 0.05  # of settling
 LEAST_PERIOD_S = 0.5  # of a sine that gives a gain of its own
 BEFORE_S = 0.3  # of rest before a step, whose mean is its begin
 LEAST_STEP_KPA = 3.0
@@ -204,24 +236,17 @@ def step_responses(
     return dict(sorted(sizes.items()))
 
 
-def step_response_figures(steps: Sequence[StepResponse], tolerance_mm: float = 0.05) -> dict[str, DynamicFigure]:
-    """Return the figures of repeated steps of one size; `tolerance_mm` is that of settling."""
+def step_response_figures(steps: Sequence[StepResponse]) -> dict[str, DynamicFigure]:
+    """Return the figures of repeated steps of one size."""
     return step_figures(
-        [one.time_s for one in steps], [one.moved_mm for one in steps], [one.size_mm for one in steps], tolerance_mm
+        [one.time_s for one in steps], [one.moved_mm for one in steps], [one.size_mm for one in steps], TOLERANCE_MM
     )
 
 
-def mean_response(steps: Sequence[StepResponse]) -> FloatArray:
-    """Return times, s, and the mean of the steps' responses as shares of their size: [2, n]."""
-    shortest = min(steps, key=lambda one: len(one.time_s))
-    shares = [one.moved_mm[: len(shortest.time_s)] / one.size_mm for one in steps]
-    return np.stack([shortest.time_s, np.mean(shares, axis=0)])
-
-
-def _smoothed(values: FloatArray, samples: int = 9) -> FloatArray:
+def _smoothed(values: FloatArray) -> FloatArray:
     """Return the running mean: noise would else count as overshoot, and as leaving the tolerance."""
     known = np.isfinite(values)
-    weights = np.ones(samples)
+    weights = np.ones(9)
     total = np.convolve(np.where(known, values, 0.0), weights, "same")
     count = np.convolve(known.astype(np.float64), weights, "same")
     return np.where(count > 0, total / np.maximum(count, 1.0), np.nan)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -121,7 +122,7 @@ def tune(run: RecordingArgument, as_json: JsonOption = False) -> None:
     assert tuning is not None and tuning.lag is not None
     figures, margins = lag_figures(tuning.lag), tuning.margins
     if as_json:
-        emit_json(twin.as_json() | {"step_response": figures.as_json()})
+        emit_json(twin.as_json() | {"step_response": dataclasses.asdict(figures)})
         return
     _present(
         twin,
@@ -189,26 +190,19 @@ def hold(
 
 
 @app.command()
-def dynamics(
-    run: RecordingArgument,
-    out: Annotated[Path | None, typer.Option(metavar="FILE.pdf|FILE.html", help="Write it as a report.")] = None,
-    as_json: JsonOption = False,
-) -> None:
+def dynamics(run: RecordingArgument, as_json: JsonOption = False) -> None:
     """Compute the dynamics of a run of steps or sines.
 
     Rise, settling and overshoot; bandwidth and phase.
 
-    Example: boat-daq twin dynamics steps.boat --out dynamic-calibration.pdf
+    Example: boat-daq twin dynamics steps.boat
     """
     load("boat_daq.workflows.unit_control")
     from analysis.elongation_control.dynamic_figures import BODE_HEADINGS
-    from boat_daq.workflows.unit_control import dynamics_of, report_dynamics
+    from boat_daq.workflows.unit_control import dynamics_of
 
     with progress_bar("computing"):
         found = dynamics_of(UnitLibrary(), run)
-    if out is not None:
-        report_dynamics(found, out)
-        notify(f"wrote {out}")
     if as_json:
         emit_json(found.as_json())
         return

@@ -38,20 +38,13 @@ def fusion_of(units: UnitLibrary, name: str) -> Fusion:
 def dynamics_of(units: UnitLibrary, path: Path) -> DynamicCalibration:
     """Return the dynamics of a recording, by its unit's calibration in force."""
     from analysis import load_recording
-    from analysis.elongation_control.dynamic_calibration import dynamic_calibration
+    from analysis.elongation_control.run_response import dynamic_calibration
 
     recording = load_recording(path)
     units = units.of(simulated=recording.simulated)
     name, fusion = recording.unit, fusion_of(units, recording.unit)
     loops, utc = sensor_loops(units, name, fusion), in_force(units, name).calibrated_utc
     return dynamic_calibration(recording, fusion, loops=loops, calibration_utc=utc)
-
-
-def report_dynamics(found: DynamicCalibration, target: Path) -> None:
-    """Write the report of a dynamic calibration, HTML or PDF."""
-    from analysis.reports.dynamics_report import write_dynamic_report
-
-    write_dynamic_report(found, target)
 
 
 def held_elongation(units: UnitLibrary, recording: Recording, seconds: float) -> dict[str, float]:

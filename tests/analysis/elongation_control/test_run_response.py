@@ -11,9 +11,8 @@ import pytest
 
 from analysis.data.recording import STEP_COLUMNS, Recording
 from analysis.elongation_control.controller import Tuning
-from analysis.elongation_control.dynamic_calibration import dynamic_calibration
 from analysis.elongation_control.dynamics import Lag
-from analysis.elongation_control.run_response import bode_of_run, identify_run, tune_run
+from analysis.elongation_control.run_response import bode_of_run, dynamic_calibration, identify_run, tune_run
 from analysis.elongation_control.sensor_loop import find_loops
 from analysis.elongation_control.unit_file import TwinFile, read_twin
 from protocol.base.errors import DataError, FileError

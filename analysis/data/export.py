@@ -8,7 +8,6 @@ leaves the file before as it was.
 
 from __future__ import annotations
 
-import csv
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -113,7 +112,9 @@ def _write_csv(
             part = samples_frame(recording, slice(first, first + _ROWS_AT_ONCE), converted)
             if recording.simulated:
                 part["simulated"] = 1
-            part.to_csv(file, index=False, header=first == 0, lineterminator="\n", quoting=csv.QUOTE_MINIMAL)
+            if first == 0:  # what is missing in the first row is NaN: polars takes columns that begin empty as text
+                part.iloc[:1].to_csv(file, index=False, na_rep="NaN", lineterminator="\n")
+            part.iloc[int(first == 0) :].to_csv(file, index=False, header=False, lineterminator="\n")
             if progress is not None:
                 progress(min(first + _ROWS_AT_ONCE, recording.n), recording.n)
 

@@ -39,11 +39,17 @@ def test_a_csv_has_one_header_row(tmp_path: Path, recording: Recording) -> None:
     assert (again.unit, again.simulated) == ("SA1", recording.simulated)
 
 
-def test_polars_reads_it(tmp_path: Path, recording: Recording) -> None:
-    """By its defaults."""
+def test_a_column_that_begins_empty_has_numbers(tmp_path: Path, recording: Recording) -> None:
+    """A target that is set after 500 samples: polars, which looks at 100, takes it as numbers; it is never zero."""
+    late = replace(recording, target_kpa=np.where(np.arange(recording.n) < 500, np.nan, 20.0))
+    export(late, tmp_path / "out.csv", "csv")
+    rows = (tmp_path / "out.csv").read_text().splitlines()
+    assert [row.split(",")[3] for row in (rows[1], rows[2], rows[501])] == ["NaN", "", "20.0"]
+    assert pd.read_csv(tmp_path / "out.csv")["target_kpa"].count() == recording.n - 500
     polars = pytest.importorskip("polars")
-    export(recording, tmp_path / "out.csv", "csv")
-    assert polars.read_csv(tmp_path / "out.csv")["s1_mv"].to_list() == recording.signal_mv[:, 0].tolist()
+    read = polars.read_csv(tmp_path / "out.csv")
+    assert read["s1_mv"].to_list() == recording.signal_mv[:, 0].tolist()
+    assert read["target_kpa"].dtype == polars.Float64
 
 
 def test_hdf5_has_named_dimensions_and_units(tmp_path: Path, recording: Recording) -> None:
@@ -60,8 +66,9 @@ def test_hdf5_has_named_dimensions_and_units(tmp_path: Path, recording: Recordin
 def test_octave_reads_the_csv(tmp_path: Path, recording: Recording) -> None:
     """The recipe of the documentation."""
     export(recording, tmp_path / "out.csv", "csv")
-    script = "d = dlmread('out.csv', ',', 1, 0); printf('%.17g', d(5, 2));"
+    script = "d = dlmread('out.csv', ',', 1, 0, 'emptyvalue', NaN); printf('%.17g %g', d(5, 2), d(5, 4));"
     done = subprocess.run(
         ["octave-cli", "--no-init-file", "--eval", script], cwd=tmp_path, capture_output=True, text=True, check=True
     )
-    assert float(done.stdout) == recording.time_s[4]
+    time_s, target = map(float, done.stdout.split())
+    assert (time_s, np.isnan(target)) == (recording.time_s[4], True)

@@ -89,6 +89,10 @@ class Inverse:
     u_void: str = ""
     u_stand_in: str = ""
 
+    def __repr__(self) -> str:
+        low, high = np.sort(self.nodes[[0, -1]])
+        return f"<Inverse: {low:.5g} to {high:.5g} mV give {self.x_range[0]:.3g} to {self.x_range[1]:.3g} mm>"
+
     @classmethod
     def of(
         cls,
@@ -232,6 +236,9 @@ class Fusion:
 
     inverses: tuple[Inverse, ...]
     correlation: FloatArray
+
+    def __repr__(self) -> str:
+        return f"<Fusion of {list(self.inverses)}>"
 
     @classmethod
     def of(cls, sensors: Sequence[Calibration | Inverse]) -> Fusion:

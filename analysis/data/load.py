@@ -17,6 +17,9 @@ def load_recording(path: str | Path, **import_options: Any) -> Recording:
 
     Raises FileError if it does not exist, or is of another kind; RequestError for a column map of a recording.
     """
+    if not isinstance(path, str | Path):
+        cause = f"a run is a path or a Recording, not a {type(path).__name__}"  # type: ignore[unreachable]  # untyped calls
+        raise RequestError(cause, "From arrays: Recording.from_arrays(time_s, pressure_kpa, signal_mv).")
     path = Path(path)
     if not path.is_file():
         raise FileError(f"{path} does not exist" if not path.exists() else f"{path} is not a file", "Check the name.")

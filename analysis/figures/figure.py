@@ -146,6 +146,9 @@ class Figure:
     def __float__(self) -> float:
         return self.value
 
+    def __format__(self, spec: str) -> str:
+        return format(self.value, spec) if spec else repr(self)
+
     @property
     def uncertainty(self) -> float:
         """Standard uncertainty: a quarter of the width of the 95 % interval; NaN without one."""
@@ -163,6 +166,13 @@ class Figure:
         """Return the figure as a dictionary; NaN and infinity are left for the writer to turn into null."""
         value = json_object(self, "value", "unit", "n") | {"interval_95": [self.low, self.high]}
         return value | json_object(self, "void", "note", "definition", "window", "reason")
+
+
+class Figures(dict[str, Figure]):
+    """Figures by key; a key that is none is refused with those that are."""
+
+    def __missing__(self, key: str) -> Figure:
+        raise KeyError(f"there is no figure {key!r}; choose one of {', '.join(self)}")
 
 
 def not_driven(figures: Mapping[str, Figure], why: str) -> dict[str, Figure]:

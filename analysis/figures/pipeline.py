@@ -20,7 +20,7 @@ from analysis.data.load import load_recording
 from analysis.data.recording import Recording
 from analysis.fidelity import fidelity
 from analysis.figures.across_breaks import compare_breaks, of_cycles, parts_of
-from analysis.figures.figure import Figure, Reason, figure_frame, summary_html, summary_text
+from analysis.figures.figure import Figure, Figures, Reason, figure_frame, summary_html, summary_text
 from analysis.figures.intervals import unsettled
 from analysis.figures.loop_figures import hysteresis, joint_hysteresis, with_what_lies_between
 from analysis.figures.reading_check import CheckedReading, checked_readings, without_wrong_readings
@@ -234,7 +234,7 @@ def _in_unit(found: Analysis, unit: str) -> Analysis:
         return replace(figure, unit=figure.unit.replace("mV", unit), void=void, note=note, definition=text)
 
     def of_sensors(sensors: tuple[SensorAnalysis, ...]) -> tuple[SensorAnalysis, ...]:
-        return tuple(replace(s, figures={key: stated(f) for key, f in s.figures.items()}) for s in sensors)
+        return tuple(replace(s, figures=Figures({key: stated(f) for key, f in s.figures.items()})) for s in sensors)
 
     return replace(
         found,

@@ -41,6 +41,7 @@ from analysis.figures.figure import (
     KEY_FIGURES,
     SENSOR_FIGURES,
     Figure,
+    Figures,
     Reason,
     marked_implausible,
     not_driven,
@@ -330,7 +331,7 @@ def analyse_sensor(run: SegmentedRun, sensor: int, *, progress: Progress | None 
     if progress is not None:
         progress(1, 1)
     return SensorAnalysis(
-        run.recording.sensor_names[sensor], calibration, reason, posterior, figures,
+        run.recording.sensor_names[sensor], calibration, reason, posterior, Figures(figures),
         _percent(own.per_cycle, fso) if own is not None else (), _percent(system.per_cycle, fso),
         points.astype(np.float64), system, own,
         figures_by_cycle(raw.loops, sensor, figures["fso_mv"].value, system, _noise(run, sensor)),

@@ -46,7 +46,7 @@ ALERTS = (VerdictState.CHECK, VerdictState.FAIL)
 
 
 def write_report(
-    analyses: Sequence[Analysis],
+    analyses: Analysis | Sequence[Analysis],
     path: str | Path,
     limits: Mapping[str, float] | None = None,
     shadow: AgainstShadow | None = None,
@@ -64,10 +64,11 @@ def write_report(
     limits : name -> value, see `analysis.figures.acceptance.LIMITS`; the verdict is given against them.
     shadow : the run beside the digital shadow, for a report on one run; None leaves it out.
     """
+    runs = [analyses] if isinstance(analyses, Analysis) else analyses
 
     def build() -> Report:
-        report = build_report(analyses, limits, shadow)
-        return in_units(report, units.of_signals_in(analyses[0].recording.signal_unit))
+        report = build_report(runs, limits, shadow)
+        return in_units(report, units.of_signals_in(runs[0].recording.signal_unit))
 
     return write_built(build, Path(path), progress)
 

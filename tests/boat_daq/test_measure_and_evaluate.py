@@ -16,7 +16,7 @@ import pytest
 
 import boat_daq
 from boat_daq import Analysis, Plan, Recording, Scene, Session, elongation_reader, enter_simulated_readings, trace
-from protocol.base.errors import ChoiceError, DataError
+from protocol.base.errors import ChoiceError, DataError, RequestError
 from tests.conftest import ROOT
 
 RUN = ROOT / "recordings" / "simulated_SA1_two_cycles.boat"
@@ -73,7 +73,9 @@ def test_an_example_runs(name: str, tmp_path: Path) -> None:
 def test_results_are_a_dozen_lines(run: Recording, analysis: Analysis) -> None:
     """What a cell prints: marked SIMULATED, with intervals, never an array."""
     sensor = analysis.sensors[0]
-    for shown in (run, analysis, sensor, sensor.calibration, sensor.posterior, sensor.figures["snr_db"]):
+    reader = elongation_reader(analysis)
+    figure = sensor.figures["snr_db"]
+    for shown in (run, analysis, sensor, sensor.calibration, sensor.posterior, figure, reader, reader.inverses[0]):
         text = repr(shown)
         assert text.count("\n") < 16
         assert len(text) < 1500
@@ -87,9 +89,12 @@ def test_results_are_a_dozen_lines(run: Recording, analysis: Analysis) -> None:
 
 
 def test_a_figure_is_a_number_with_uncertainty(analysis: Analysis) -> None:
-    """`float`, and a standard uncertainty from the 95 % interval."""
+    """`float`, a format, and a standard uncertainty from the 95 % interval; a wrong key names the right ones."""
     figure = analysis.sensors[0].figures["sensitivity_mv_per_mm"]
     assert float(figure) == figure.value
+    assert (f"{figure:.2f}", f"{figure}") == (f"{figure.value:.2f}", repr(figure))
+    with pytest.raises(KeyError, match="sensitivity_mv_per_mm"):
+        analysis.sensors[0].figures["sensitivity"]
     assert figure.uncertainty == pytest.approx((figure.high - figure.low) / 4)
 
 
@@ -132,6 +137,8 @@ def test_readings_may_be_arrays_or_a_frame(run: Recording, analysis: Analysis) -
         boat_daq.analyse(run, [1.0, 2.0, 3.0], mcmc=False)
     with pytest.raises(DataError, match="lack elongation_mm"):
         boat_daq.analyse(run, pd.DataFrame({"pressure_kpa": kpa}), mcmc=False)
+    with pytest.raises(RequestError, match="not a DataFrame"):
+        boat_daq.analyse(run.to_frame(slice(5)))
 
 
 def test_draws_as_chains(analysis: Analysis) -> None:

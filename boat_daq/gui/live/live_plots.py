@@ -1,20 +1,22 @@
 """The plots of the live page: signals, elongation, pressure over one time axis, or the last cycles overlaid.
 
-Drawing is pulled: `draw` asks the view model for one frame. Nothing here knows how many samples there are.
+Drawing is pulled: `draw` asks the view model for one frame. Nothing here knows how many samples there are. Twice a
+second the picture is drawn whole; in between its pixels are moved, and only what is new is painted.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
 from time import monotonic
 from typing import Any
 
 import numpy as np
-from PySide6.QtCore import QEvent, QObject, QPointF, Qt, Signal
+from PySide6.QtCore import QCoreApplication, QEvent, QObject, QPointF, Qt, Signal
 from PySide6.QtGui import QResizeEvent
-from PySide6.QtWidgets import QMenu
+from PySide6.QtWidgets import QGraphicsView, QMenu
 
 from boat_daq.engine.display.ring_buffer import CAMERA_U
 from boat_daq.formatting import clock, in_units
@@ -32,6 +34,9 @@ PREDICTED = "\u2504 predicted, band 95 %"
 PREDICTED_TIP = "The signals that pressure, shadow model and calibration predict, with their 95 % band"
 MOST_OF_A_NOTE = 28  # letters beside a marker; the whole of it on hover
 WHOLE_S = 0.5  # a change that no sample tells of, such as another calibration, is seen after so long
+WHOLE_PX = 0.05  # pixels are moved by a whole number of them, up to so much
+_CHANGES = QEvent.Type.MetaCall.value  # Qt's events by which a scene has its changes repainted
+AROUND_PX = 2  # a line's width, and the rounding of its end
 
 
 def value_text(quantity: str, values: Mapping[str, float], model: LiveModel) -> str:
@@ -67,7 +72,7 @@ class LivePlots(PlotCard):
     def __init__(self, model: LiveModel) -> None:
         super().__init__("Live signals", show_title=False)
         self.model = model
-        self.last: PlotFrame | None = None  # drawn whole
+        self.last: PlotFrame | None = None  # drawn whole, or added to it
         self.readout.setToolTip(PREDICTED_TIP)
         self._whole_until_s = -math.inf  # of `monotonic`: after it the picture is drawn whole again, moved or not
         self.own: dict[str, Plot] = {}  # by quantity, as many as any board so far had
@@ -214,45 +219,106 @@ class LivePlots(PlotCard):
         """Draw one frame; returns whether there was anything to draw."""
         if self.view.height() != self._arranged_px:  # the layout gives it its height after the card has its own
             self.arrange()
-        width, now_s = self.view.width(), monotonic()
-        if self.last is not None and now_s < self._whole_until_s and self.model.past(self.last, width):
-            return True
-        added = self.model.newest(self.last, width) if self.last and now_s < self._whole_until_s else None
-        if added is not None:
-            for curve, values in self._lines(added):
-                curve.extend(added.columns["time_s"], values)
-        else:
-            frame = self.model.frame(width)
-            if frame is None:
-                return False
-            self.last, self._whole_until_s = frame, now_s + WHOLE_S
-            self._draw_whole(frame)
+        width, now_s, last = self.view.width(), monotonic(), self.last
+        if self.rows:
+            width = max(1, round(self.first.item.getViewBox().width()))  # the data's alone: they move by whole columns
+        if last is not None and now_s < self._whole_until_s:
+            if self.model.past(last, width):
+                return True
+            added = self.model.newest(last, width)
+            if added is not None and self._move_on(added, float(last.columns["time_s"][-1])):
+                self.last = added
+                return True
+        frame = self.model.frame(width)
+        if frame is None:
+            return False
+        self.last, self._whole_until_s = frame, now_s + WHOLE_S
+        self._draw_whole(frame)
         self.view.scene().prepareForPaint()  # now, or the paint itself would ask for a second one
         return True
+
+    def _move_on(self, added: PlotFrame, end_s: float) -> bool:
+        """Move the pixels by whole columns and paint only what is new; return whether that was possible.
+
+        Parameters
+        ----------
+        end_s : time of the last sample that is drawn.
+        """
+        boxes = [plot.item.getViewBox() for plot in self.rows]
+        if not boxes:
+            return False
+        low, high = boxes[0].viewRange()[0]
+        pixels_a_s = boxes[0].width() / (high - low)
+        moved = round(pixels := (added.low_s - low) * pixels_a_s)
+        if moved < 0 or abs(pixels - moved) > WHOLE_PX or (moved and not all(box.moves_alone() for box in boxes)):
+            return False
+        area = boxes[0].sceneBoundingRect().united(boxes[-1].sceneBoundingRect()).toAlignedRect()
+        below = self.rows[-1].bottom.sceneBoundingRect().toAlignedRect()
+        since = math.floor(area.left() + (end_s - low) * pixels_a_s) - moved - AROUND_PX
+        with self._unseen():
+            self._draw_added(added)
+            if moved:
+                self.x_range(added.low_s, added.high_s)
+        port = self.view.viewport()
+        if moved:
+            port.scroll(-moved, 0, area)
+            port.update(below)
+        area.setLeft(max(since, area.left()))
+        port.update(area)
+        return True
+
+    @contextmanager
+    def _unseen(self) -> Iterator[None]:
+        """Do not repaint what changes meanwhile; what has changed before is repainted."""
+        changes = self.view.scene(), _CHANGES
+        QCoreApplication.sendPostedEvents(*changes)
+        usual = self.view.viewportUpdateMode()
+        self.view.setViewportUpdateMode(QGraphicsView.ViewportUpdateMode.NoViewportUpdate)
+        try:
+            yield
+            QCoreApplication.sendPostedEvents(*changes)
+        finally:
+            self.view.setViewportUpdateMode(usual)
+
+    def _draw_added(self, frame: PlotFrame) -> None:
+        """Continue lines and bands behind their ends."""
+        for curve, values in self._lines(frame):
+            curve.extend(frame.columns["time_s"], values)
+        for band, edges in self._bands(frame):
+            band.extend(*edges)
 
     def _draw_whole(self, frame: PlotFrame) -> None:
         time_s = frame.columns["time_s"]
         controls.set_text(self.readout, PREDICTED if frame.predicted is not None else "")
         for curve, values in self._lines(frame):
             curve.set(time_s, values)
-        if frame.elongation is not None:
-            self.band.fill(*frame.elongation.band(time_s))
-        if self.camera_band is not None and CAMERA in frame.columns:
-            self.camera_band.fill(*camera_band(frame.columns))
-        for i, quantity in enumerate(sensor_names(frame.columns)):
-            curve, band = self.predicted[quantity]
-            if frame.predicted is None:
-                curve.clear()
-                band.clear()
-                continue
-            values, half = (part[:, i] for part in frame.predicted)
-            known = np.isfinite(values + half)
-            band.fill(time_s[known], (values - half)[known], (values + half)[known])
-        ends = [frame.low_s, frame.high_s, frame.high_s]
+        for band, edges in self._bands(frame):
+            band.fill(*edges)
+        if frame.predicted is None:
+            for layer in (layer for layers in self.predicted.values() for layer in layers):
+                layer.clear()
         kpa = [value for limit in self.limits_kpa for value in (limit, limit, math.nan)]
+        ends = [frame.low_s, *[frame.high_s + WHOLE_S] * 2]  # until they are drawn again
         self.limits.set(np.array(ends * len(self.limits_kpa)), np.array(kpa))
+        column_s = (frame.high_s - frame.low_s) / frame.width
+        for curve in (self.target, self.limits, *(curve for curve, _ in self.predicted.values())):
+            if curve.x.size:
+                curve.item.lay_dashes(curve.x[0] / column_s, curve.x[-1] / column_s)
         self.x_range(frame.low_s, frame.high_s)
         self._ranges(frame)
+
+    def _bands(self, frame: PlotFrame) -> Iterator[tuple[Band, tuple[FloatArray, FloatArray, FloatArray]]]:
+        """Iterate over the bands of a frame, each with times, lower and upper edge."""
+        time_s = frame.columns["time_s"]
+        if frame.elongation is not None:
+            yield self.band, frame.elongation.band(time_s)
+        if self.camera_band is not None and CAMERA in frame.columns:
+            yield self.camera_band, camera_band(frame.columns)
+        if frame.predicted is not None:
+            for i, quantity in enumerate(sensor_names(frame.columns)):
+                values, half = (part[:, i] for part in frame.predicted)
+                known = np.isfinite(values + half)
+                yield self.predicted[quantity][1], (time_s[known], (values - half)[known], (values + half)[known])
 
     def x_range(self, low: float, high: float) -> None:
         """Show [low, high] in the rows, with the links blocked: each would compute two views' geometry a frame."""

@@ -10,6 +10,7 @@ each frame of a scrolling plot. The grid is opaque: translucent lines take three
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from html import escape
 from typing import Any
 
@@ -30,6 +31,7 @@ _BEYOND = 5.0  # pixels of that area above and below an upright axis: labels at 
 ON_TICK = 1e-9  # of a step
 LOG_LABELS = 7
 GRID_BEYOND, GRID_LONGEST = 2.0, 50.0  # of what is shown: lines of the grid are longer on either side; at most so long
+GRID_AHEAD = 0.25  # of what is shown: lines are laid over so much of the time to come
 _TITLE_LINES = 2  # of a title beside the axis
 _LABEL_GAP = 8  # pixels between two labels of the lower axis
 LOG_DIGITS = (1, 2, 5)
@@ -39,10 +41,12 @@ _FEW_DECADES = 2.0  # over fewer, the 2 and the 5 between are labelled too
 class TickAxis(pg.AxisItem):  # type: ignore[misc]
     """A left, right or lower axis; the lower one shows numbers, whole numbers, or a time."""
 
-    _around: tuple[object, QRectF] | None = None
     _grid: QGraphicsPathItem | None = None
     _step = 1.0  # of the ticks
-    _step_of: object = None  # of a time: span, length, unit and minute that the step is for
+    _step_of: object = None  # of a time: what the step is for
+    _worded: object = None  # ticks and how they are shown
+    _words: Sequence[str] = ()  # beside these ticks
+    _laid: tuple[float, float, object] = (0.0, 0.0, None)  # the range of a grid over time, and what its step is for
     _grid_shown: object = None  # ticks, length and theme of the grid as it is
     _grid_reach = (0.0, 0.0)  # where its lines begin and end
     _across: TickAxis | None = None  # whose lines lie along this axis
@@ -109,7 +113,7 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         minVal, maxVal = shown.value(minVal), shown.value(maxVal)
         span = maxVal - minVal
         below = self.orientation == "bottom"
-        known = (round(span, 6), size, self._clock, int(maxVal // 60.0)) if self.time else None
+        known = (self._known(minVal, maxVal), size) if self.time else None
         if known is None or self._step_of != known:
             step = axis.time_step(span) if self.time else axis.tick_step(span, math.inf if below else size)
             if self.whole:
@@ -120,6 +124,10 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         step = self._step
         first, last = math.ceil(minVal / step - ON_TICK), math.floor(maxVal / step + ON_TICK)
         return [(step, [(n * step - shown.offset) / shown.factor for n in range(first, last + 1)])]
+
+    def _known(self, low: float, high: float) -> tuple[float, str, int]:
+        """Return what the step of a time depends on, the length aside."""
+        return round(high - low, 6), self._clock, int(high // 60.0)
 
     def _label_width(self, low: float, high: float, step: float) -> float:
         """Return the width of the widest label at the ends of a range, in pixels, with the space beside it."""
@@ -148,25 +156,28 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
             self._clock = clock
             if self._title:
                 self.set_title(self._title, "")
-        self._lay_grid()
+        low, high, known = self._laid
+        if not (low <= mn and mx <= high and known == self._known(mn, mx)):
+            self._lay_grid()
         if self._across is not None and not self._across._reaches(mn, mx):
             self._across._lay_grid()
 
     def boundingRect(self) -> QRectF:
-        """Return the area of the axis; computed once for each arrangement."""
-        if self._around is None or self._around[0] != self.geometry():
-            beyond = _BEYOND if self.orientation != "bottom" else 0.0
-            self._around = (self.geometry(), self._area().adjusted(0.0, -beyond, 0.0, beyond))
-        return QRectF(self._around[1])
+        """Return the area of the axis and of its labels."""
+        beyond = _BEYOND if self.orientation != "bottom" else 0.0
+        return QRectF(0.0, -beyond, self.size().width(), self.size().height() + 2.0 * beyond)
 
     def paint(self, painter: QPainter, option: Any, widget: Any) -> None:
         """Draw line and labels."""
         painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)
-        area = self._area()
+        area = self.rect()
         self._draw_line(painter, area)
         if self.style["showValues"]:
             step, values, places = self._ticks()
-            self._draw_labels(painter, area, places, self.tickStrings(values, 1.0, step))
+            ticks = (step, values, self._clock, self._shown)
+            if ticks != self._worded:
+                self._worded, self._words = ticks, self.tickStrings(values, 1.0, step)
+            self._draw_labels(painter, area, places, self._words)
 
     def add_grid(self, plot: Any, across: TickAxis) -> None:
         """Draw a grid in a pyqtgraph plot, behind its data; its lines lie along the axis `across`."""
@@ -187,7 +198,12 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         length = self.size().width() if upright else self.size().height()
         if self._grid is None or length <= 0 or high <= low:
             return
-        ticks, (begin, end) = self.tickValues(low, high, length)[0][1], self.linkedView().viewRange()[upright]
+        ((step, ticks),), (begin, end) = self.tickValues(low, high, length), self.linkedView().viewRange()[upright]
+        lines = len(ticks)
+        if self.time:
+            last, ahead = math.floor(high / step), (high - low) * GRID_AHEAD
+            ticks = [*ticks, *((last + n) * step for n in range(1, int(ahead / step) + 2))]
+            self._laid = low, high + ahead, self._known(low, high)
         shown = (ticks, round(length), self._theme)
         if shown == self._grid_shown and self._reaches(begin, end):
             return
@@ -198,7 +214,7 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
             path.moveTo(*((at, begin) if upright else (begin, at)))
             path.lineTo(*((at, end) if upright else (end, at)))
         self._grid.setPath(path)
-        self._grid.setPen(QPen(self._grid_colour(len(ticks), length), 0))
+        self._grid.setPen(QPen(self._grid_colour(lines, length), 0))
 
     def _grid_colour(self, lines: int, length: float) -> QColor:
         """Return the colour of so many lines over a length in pixels; a dense grid is faint."""
@@ -207,12 +223,9 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         pairs = ((tick.red(), ground.red()), (tick.green(), ground.green()), (tick.blue(), ground.blue()))
         return QColor(*(round(there + (here - there) * share) for here, there in pairs))
 
-    def _area(self) -> QRectF:
-        return QRectF(self.mapRectFromParent(self.geometry()))
-
     def _ticks(self) -> tuple[float, list[float], list[float]]:
         """Return the step, the ticks' values, and how far along the axis each is, in pixels."""
-        area, (low, high) = self._area(), self.range
+        area, (low, high) = self.rect(), self.range
         length = area.width() if self.orientation == "bottom" else area.height()
         if length <= 0 or high <= low:
             return 1.0, [], []
@@ -238,7 +251,7 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
             made.prepare(font=self._font)
         return self._labels[text]
 
-    def _draw_labels(self, painter: QPainter, area: QRectF, places: list[float], words: list[str]) -> None:
+    def _draw_labels(self, painter: QPainter, area: QRectF, places: list[float], words: Sequence[str]) -> None:
         """Write the labels that lie wholly inside the axis and on no other one."""
         around, written = self.boundingRect(), -math.inf
         across, along = (float(offset) for offset in self.style["tickTextOffset"])

@@ -27,9 +27,9 @@ from protocol.base.arrays import FloatArray
 ThemeColour = Callable[[Theme], str]
 L = TypeVar("L", bound="Layer")
 _EMPTY: FloatArray = np.zeros(0)
-FEW = 64  # points
 FILLED_POINTS = 64  # points of a surface of a band
 COSMETIC = 0.0  # a pen of this width is one pixel at any zoom and adds nothing to the bounds
+DASHES_PX = 6.0  # after so many the patterns of dashed and of dotted lines begin again
 
 pg.setConfigOptions(antialias=False, useOpenGL=False, segmentedLineMode="off")
 
@@ -58,7 +58,7 @@ class PathItem(QGraphicsPathItem):
     points would be made for each move of the mouse.
     """
 
-    _end: PathItem | None = None  # what was added to the line since it was drawn
+    _end: PathItem | None = None  # what was added since it was drawn
     _parts: tuple[PathItem, ...] = ()  # further surfaces of a band
 
     def draw_line(self, x: FloatArray, y: FloatArray, *, gaps: bool) -> None:
@@ -68,15 +68,42 @@ class PathItem(QGraphicsPathItem):
         if self._end is not None:
             self._end.setPath(QPainterPath())
 
-    def extend_line(self, x: FloatArray, y: FloatArray, *, gaps: bool) -> None:
-        """Continue the line behind its end; only the new part is repainted."""
+    @property
+    def end(self) -> PathItem:
+        """The item that continues this one behind its end, until this one is drawn again."""
         if self._end is None:
-            self._end = PathItem(self)
-            self._end.setPen(self.pen())
-        if x.size <= FEW and np.isfinite(y).all():
-            self._end.setPath(_short_path(x.tolist(), y.tolist()))
-        else:
-            self._end.draw_line(x, y, gaps=gaps)
+            self._end = self._part()
+        return self._end
+
+    def _part(self) -> PathItem:
+        part = PathItem(self)
+        part.setPen(self.pen())
+        part.setBrush(self.brush())
+        return part
+
+    def extend_line(self, x: FloatArray, y: FloatArray) -> None:
+        """Continue the line behind its end; a value that is not finite breaks it."""
+        path = self.end.path()
+        drawn = not path.isEmpty()
+        for at, value in zip(x.tolist(), y.tolist(), strict=True):
+            if math.isfinite(value):
+                (path.lineTo if drawn else path.moveTo)(at, value)
+            drawn = math.isfinite(value)
+        self.end.setPath(path)
+
+    def extend_surface(self, x: FloatArray, low: FloatArray, high: FloatArray) -> None:
+        """Continue the surface behind its end."""
+        path = self.end.path()
+        path.addPath(_surface(x, low, high))
+        path.setFillRule(Qt.FillRule.WindingFill)
+        self.end.setPath(path)
+
+    def lay_dashes(self, begin_px: float, end_px: float) -> None:
+        """Let the pattern of a dashed line that begins and ends at these pixels move with it."""
+        for line, at in ((self, begin_px), (self.end, end_px)):
+            pen = line.pen()
+            pen.setDashOffset(at % DASHES_PX)
+            line.setPen(pen)
 
     def fill_between(self, x: FloatArray, low: FloatArray, high: FloatArray) -> None:
         """Fill between `low` and `high` over `x`, which never falls (same length, finite).
@@ -86,17 +113,14 @@ class PathItem(QGraphicsPathItem):
         """
         begins = range(0, max(x.size - 1, 1), FILLED_POINTS)
         for _ in range(len(self._parts) + 1, len(begins)):
-            part = PathItem(self)
-            part.setPen(self.pen())
-            part.setBrush(self.brush())
-            self._parts = (*self._parts, part)
+            self._parts = (*self._parts, self._part())
         for begin, part in zip_longest(begins, (self, *self._parts)):
             path = QPainterPath()
             if begin is not None:
-                xs, lows, highs = (values[begin : begin + FILLED_POINTS + 1] for values in (x, low, high))
-                path = pg.functions.arrayToQPath(np.concatenate([xs, xs[::-1]]), np.concatenate([lows, highs[::-1]]))
-                path.setFillRule(Qt.FillRule.WindingFill)
+                path = _surface(*(values[begin : begin + FILLED_POINTS + 1] for values in (x, low, high)))
             part.setPath(path)
+        if self._end is not None:
+            self._end.setPath(QPainterPath())
 
     def set_line_colour(self, colour: str, pen_style: Qt.PenStyle) -> None:
         """Set colour and style of a line."""
@@ -108,7 +132,7 @@ class PathItem(QGraphicsPathItem):
 
     def set_fill_colour(self, colour: QColor) -> None:
         """Set the colour of a surface, without an outline."""
-        for part in (self, *self._parts):
+        for part in filter(None, (self, *self._parts, self._end)):
             part.setPen(QPen(Qt.PenStyle.NoPen))
             part.setBrush(QBrush(colour))
 
@@ -119,11 +143,10 @@ class PathItem(QGraphicsPathItem):
         return bounds
 
 
-def _short_path(x: list[float], y: list[float]) -> QPainterPath:
-    """Return the path through a few points: making arrays of them would take longer."""
-    path = QPainterPath()
-    for i, at in enumerate(zip(x, y, strict=True)):
-        (path.lineTo if i else path.moveTo)(*at)
+def _surface(x: FloatArray, low: FloatArray, high: FloatArray) -> QPainterPath:
+    """Return the outline of a surface."""
+    path: QPainterPath = pg.functions.arrayToQPath(np.concatenate([x, x[::-1]]), np.concatenate([low, high[::-1]]))
+    path.setFillRule(Qt.FillRule.WindingFill)
     return path
 
 
@@ -165,7 +188,7 @@ class Curve(Layer):
 
     def extend(self, x: FloatArray, y: FloatArray) -> None:
         """Continue the curve behind its end until it is set again; `x` begins there."""
-        self.item.extend_line(x, y, gaps=self.gaps)
+        self.item.extend_line(x, y)
 
 
 class Band(Layer):
@@ -178,6 +201,10 @@ class Band(Layer):
         super().set(x, high)
         self.low = low
         self.item.fill_between(x, low, high)
+
+    def extend(self, x: FloatArray, low: FloatArray, high: FloatArray) -> None:
+        """Continue the surface behind its end until it is filled again; `x` begins there."""
+        self.item.extend_surface(x, low, high)
 
     def clear(self) -> None:
         """Remove all data."""
@@ -307,14 +334,20 @@ class PlotBox(pg.ViewBox):  # type: ignore[misc]
     def scroll(self, low: float, high: float) -> bool:
         """Show [low, high] across; return whether that was possible.
 
-        `setRange` informs links and items, which takes ten times as long; paths alone need nothing but the matrix.
+        `setRange` informs links and items, which takes ten times as long; paths and points need nothing but the matrix.
         """
-        if any(isinstance(item, pg.GraphicsObject) for item in self.addedItems):
+        if not self.moves_alone():
             return False
         self.state["targetRange"][0], self.state["viewRange"][0] = [low, high], [low, high]
-        self._matrixNeedsUpdate = True
-        self.updateMatrix()
+        before, scale = self.childGroup.transform(), self.width() / (high - low)
+        self.childGroup.setTransform(QTransform(scale, 0.0, 0.0, before.m22(), -low * scale, before.dy()))
+        self.sigTransformChanged.emit(self)
         return True
+
+    def moves_alone(self) -> bool:
+        """Return whether all that is seen moves with the matrix: no line or text that is placed by the edges."""
+        placed = (item for item in self.addedItems if isinstance(item, pg.GraphicsObject) and item.isVisible())
+        return all(isinstance(item, pg.ScatterPlotItem) for item in placed)
 
     def zoom_to_next_box(self) -> None:
         """Zoom to the box that the next drag draws."""
@@ -351,7 +384,8 @@ class Plot:
         box.autoscale_wanted.connect(self.autoscale)
         self.left, self.bottom = item.getAxis("left"), item.getAxis("bottom")
         self.left.setWidth(style.AXIS_WIDTH)
-        self.left.setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)  # changes rarely
+        for ruler in (self.left, self.bottom):  # what is painted beside them leaves them as they are
+            ruler.setCacheMode(QGraphicsItem.CacheMode.DeviceCoordinateCache)
         self.label_x(x_title, x_unit)
         for ruler, across in ((self.bottom, self.left), (self.left, self.bottom)):
             ruler.add_grid(item, across)
@@ -608,8 +642,6 @@ class Plot:
         self._x_shown = (title, unit)
         self.bottom.setStyle(showValues=bool(title))
         self.bottom.setHeight(style.AXIS_HEIGHT if title else style.STEP)
-        changes = QGraphicsItem.CacheMode.NoCache if title else QGraphicsItem.CacheMode.DeviceCoordinateCache
-        self.bottom.setCacheMode(changes)  # without labels it never changes
 
     def _write_titles(self) -> None:
         self.left.set_title(self.title, self.unit)

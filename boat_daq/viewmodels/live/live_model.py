@@ -267,16 +267,17 @@ class LiveModel:
         return self.frozen_s == drawn and width == frame.width and self.now_s() > frame.high_s
 
     def newest(self, frame: PlotFrame, width: int) -> PlotFrame | None:
-        """Return the columns of pixels added after `frame`; None where the plot has to be drawn whole."""
-        ring, column_s = self.ring(), (frame.high_s - frame.low_s) / max(width, 1)
-        if ring is None or width != frame.width:
+        """Return what was added after `frame`, and the range to show; None where the plot has to be drawn whole."""
+        ring, span_s = self.ring(), frame.high_s - frame.low_s
+        (low, high), column_s = self._shown_s(width), span_s / max(width, 1)
+        if ring is None or width != frame.width or abs(high - low - span_s) > column_s / 2:
             return None
-        if np.abs(np.subtract(self._shown_s(width), (frame.low_s, frame.high_s))).max() > column_s / 2:
+        if not -column_s / 2 <= low - frame.low_s <= span_s / 2:
             return None
         columns = self._since(ring, float(frame.columns["time_s"][-1]), column_s)
         if not columns["time_s"].size or with_holes(columns) is not columns:
             return None
-        added = self._picture(width, frame.low_s, frame.high_s, columns)
+        added = self._picture(width, low, high, columns)
         known = added.elongation is None or frame.elongation is not None
         shown = self._ranges
         inside = (name in shown and shown[name].holds(*ends) for name, ends in self._extremes(added).items())
@@ -289,11 +290,15 @@ class LiveModel:
         return ring.view(since_s) if few else ring.draw(since_s, max_points=4 * _QUICK_SAMPLES, column_s=column_s)
 
     def _shown_s(self, width: int) -> tuple[float, float]:
-        """Return the horizontal range on `width` pixels: while it moves it ends with a whole column."""
+        """Return the horizontal range on `width` pixels: while it moves it ends just before a whole column does.
+
+        What is at a round time would else be on the edge of two pixels, and jump between them.
+        """
         low, high = self.span_s()
         if not self.following or math.isinf(self.window_s) or low == 0.0:
             return low, high
-        ahead = -high % ((high - low) / max(width, 1))
+        column_s = (high - low) / max(width, 1)
+        ahead = -(high + column_s / 16) % column_s
         return low + ahead, high + ahead
 
     def _picture(self, width: int, low_s: float, high_s: float, columns: Columns) -> PlotFrame:

@@ -411,10 +411,12 @@ def time_without_header(table: Table) -> int | None:
     return None
 
 
-def unmapped(name: str, missing: list[str], mapping: ColumnMap, table: Table) -> RequestError:
-    """Return the refusal of a table in which no column was mapped to the names `missing`."""
+def unmapped(name: str, missing: list[str], mapping: ColumnMap, table: Table, *, alone: bool) -> RequestError:
+    """Return the refusal of a table in which no column was mapped to the names `missing`; `alone` of one file."""
     options = f"Map it by the numbers of the columns: {_map_options(missing, mapping, table)}"
-    remedy = "Add --map time_s=COLUMN:ms, or import it with --rate HZ" if missing == ["time_s"] else options
+    remedy = (
+        f"Add --map time_s=COLUMN:ms{', or import it with --rate HZ' * alone}" if missing == ["time_s"] else options
+    )
     stamps = [i for i in table.text if recognised(table.names[i]) in missing]
     found = [_text_in(table, i) for i in stamps]
     found += [warning.text for warning in table.warnings if warning.code is WarningCode.TABLE_CHOSEN]

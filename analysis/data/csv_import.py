@@ -115,12 +115,21 @@ def import_two(
         uncertainty; used where the stamps of both files do not tell.
     offset_s : begin of the second file in the first's time, where it is known.
     """
-    found = []
+    found, refused = [], []
     for path, numbers in ((first, True), (second, False)):
-        wanted = _of_this_file(path, columns or {}, numbers=numbers)
-        found.append(_run_values(path, wanted, {"pressure_kpa", "s1_mv"}, None, None, None, None))
+        try:
+            wanted = _of_this_file(path, columns or {}, numbers=numbers)
+            found.append(_run_values(path, wanted, {"pressure_kpa", "s1_mv"}, None, None, None, None))
+        except RequestError as error:
+            refused.append(error)
+    if refused:
+        causes, remedies = zip(*((error.cause, error.remedy) for error in refused), strict=True)
+        raise RequestError("; ".join(causes), " ".join(dict.fromkeys(remedies)))
     (one, meta), (two, second_meta) = found
     both = f"{first.name} and {second.name}"
+    if not ("pressure_kpa" in {*one, *two} and any(map(is_signal, {*one, *two}))):
+        issues = [issue for each in (meta, second_meta) for issue in each.get("import_issues", ())]
+        raise DataError("; ".join([f"{both} have not both a pressure and a signal", *issues]), "Map the columns.")
     u_s, how = 0.0, "as stated"
     if offset_s is None and (offset_s := _absolute_offset(meta, second_meta)) is not None:
         u_s = float(np.hypot(meta["import_stamps_s"], second_meta["import_stamps_s"]) / np.sqrt(12.0))
@@ -236,7 +245,7 @@ def _run_values(
     mapping = map_columns(table, columns)
     missing = [name for name in mapping.missing if name not in spared]
     if missing:
-        raise unmapped(path.name, missing, mapping, table)
+        raise unmapped(path.name, missing, mapping, table, alone="s1_mv" not in spared)
     mapping, left_out = too_many_sensors(table, mapping)
     options = {"import_separator": separator, "import_skip": skip}
     meta = _meta(table, mapping, path) | {key: value for key, value in options.items() if value}
@@ -433,7 +442,7 @@ def _filled(
     periods = {name: clocks.sparse_period(values[name]) for name in measured}
     known = {name: np.isfinite(values[name]) for name in measured}
     time_s = values["time_s"]
-    if all(periods.values()) and all(np.array_equal(known[name], known[measured[0]]) for name in measured):
+    if measured and all(periods.values()) and all(np.array_equal(known[name], known[measured[0]]) for name in measured):
         _note(meta, f"{int((~known[measured[0]]).sum())} rows without values left out")
         return {name: column[known[measured[0]]] for name, column in values.items()}
     for name in measured:

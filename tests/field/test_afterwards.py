@@ -5,10 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from scipy.io import loadmat
 
 from analysis import analyse, load_recording
 from analysis.data.boat_writer import first_difference, write_boat_file
 from analysis.data.csv_import import import_csv
+from analysis.data.export import export
 from analysis.reports.build import build_report
 from boat_daq.workflows.run_files import add_marker, markers_of
 from protocol.base.errors import BoatDaqError
@@ -33,6 +35,8 @@ def test_a_marker_is_added_afterwards_and_printed(closed: Path) -> None:
     facts = dict(build_report([analyse(load_recording(closed), mcmc=False)]).facts)
     assert facts["Marker at 60.25 s"] == "hose touched"
     assert first_difference(closed) == ""
+    export(load_recording(closed), closed.with_suffix(".mat"), "mat")
+    assert "hose touched" in str(loadmat(closed.with_suffix(".mat"))["boat_daq"])
 
 
 @pytest.mark.parametrize(

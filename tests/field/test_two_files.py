@@ -12,6 +12,7 @@ from analysis import analyse
 from analysis.data.boat_writer import first_difference
 from analysis.data.csv_import import import_two
 from boat_daq.workflows.run_files import import_files
+from protocol.base.arrays import FloatArray
 from protocol.base.errors import BoatDaqError
 from tests.field.truth import FSO_MV, HYSTERESIS, Run, put
 
@@ -79,3 +80,23 @@ def test_files_of_other_runs_are_refused(tmp_path: Path, run: Run) -> None:
         import_files(files, tmp_path / "a.boat", {}, {})
     with pytest.raises(BoatDaqError, match="not both a pressure and a signal"):
         import_files([files[0], files[0]], tmp_path / "a.boat", {}, {})
+
+
+def test_two_files_that_lack_something_are_both_named(tmp_path: Path, run: Run) -> None:
+    """No clock in either, arrays of another rate than the clock, nothing but a clock: each with its true cause."""
+    import h5py
+
+    def written(name: str, **columns: tuple[FloatArray, str]) -> Path:
+        with h5py.File(tmp_path / name, "w") as file:
+            for title, (values, unit) in columns.items():
+                file.create_dataset(title, data=values).attrs["units"] = unit
+        return tmp_path / name
+
+    pressure, signal = (run.pressure_kpa[::5], "kPa"), (run.signal_mv, "mV")
+    files = written("a.h5", pressure=pressure), written("b.h5", signal=signal)
+    with pytest.raises(BoatDaqError, match=r"a\.h5: no column was recognised as time_s; b\.h5: no column") as refused:
+        import_two(*files)
+    assert "--rate" not in refused.value.remedy
+    files = written("a.h5", pressure=pressure, time=(run.time_s, "s")), written("b.h5", time=(run.time_s[::3], "s"))
+    with pytest.raises(BoatDaqError, match=r"a.h5 and b.h5 have not both .* left out: pressure \(1020\)"):
+        import_two(*files)

@@ -201,6 +201,8 @@ def trace(analysis: Analysis, ax: Axes) -> None:
     for stretches, colour, alpha in shaded:
         for stretch in stretches:
             ax.axvspan(*recording.time_s[[stretch.first, stretch.last]], color=colour, alpha=alpha, linewidth=0)
+    for time_s, _ in recording.meta.get("markers", ()):
+        ax.axvline(time_s, color=style.INK, linewidth=0.7, linestyle=":")
     ax.set(xlabel="time, s", ylabel="pressure, kPa", title="The run (every second complete cycle shaded)")
     ax.margins(x=0)
 

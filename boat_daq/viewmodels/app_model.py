@@ -38,9 +38,12 @@ from boat_daq.viewmodels.results.run_result import RunResult
 from boat_daq.viewmodels.results.runs import RunActions, RunsModel
 from boat_daq.viewmodels.settings_model import SettingsModel
 from boat_daq.workflows.acceptance import Lack, lacking
+from boat_daq.workflows.calibration_in_force import NotCalibrated
 from boat_daq.workflows.jobs import Job, JobRunner, prepare
 from boat_daq.workflows.live_conversion import compile_rest, lacks_code
 from boat_daq.workflows.run_analysis import load_analysis
+from boat_daq.workflows.unit_control import NotIdentified
+from protocol.base.errors import RequestError
 from protocol.base.units import ShownUnits
 
 
@@ -96,9 +99,20 @@ class AppModel:
         )
         self.unit_choice = UnitChoice(self.preferences, self._use_units)
         self.precision = Precision(self.preferences, self._use_fidelity)
+        self.notices.offers = {
+            NotCalibrated: ("Go to Results", lambda: self.services.show(Tab.CALIBRATION)),
+            NotIdentified: ("Prepare it", partial(self.notices.attempt, self._prepare_control)),
+        }
         self._continuous = False  # whether a repeatability run is in progress
         self.snapshot = session.snapshot()
         self._messages = SessionMessages(self.notices, self.snapshot)
+
+    def _prepare_control(self) -> None:
+        """Identify the unit from the run of its calibration in force."""
+        path = self.services.recordings / self.unit.recording
+        if not path.is_file():
+            raise RequestError(f"{path} is gone", "Put it back, or accept the calibration of another run.")
+        self.calibration.prepare_control(path)
 
     def _use_units(self, units: ShownUnits) -> None:
         self.live.units = self.runs.shown_units = self.sequence.units = self.readings.units = self.notices.units = units

@@ -172,6 +172,8 @@ def lack_text(run: RunCalibration, lack: Lack) -> str:
         return "This run has no complete cycle"
     if lack is Lack.PLATEAUS:
         return "This run has no plateaus"
+    if run.read == run.plateaus:
+        return run.sensors[0].void[:1].upper() + run.sensors[0].void[1:]
     read = f"Only {run.read}" if run.read else "None"
     return f"{read} of {count(run.plateaus, 'plateau')} {'has' if run.read <= 1 else 'have'} a reading"
 

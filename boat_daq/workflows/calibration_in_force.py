@@ -65,13 +65,17 @@ def newest_calibration(units: UnitLibrary, name: str) -> CalibrationRecord | Non
     return None if unit is None or unit.calibration is None else record_of(unit, unit.calibration)
 
 
+class NotCalibrated(RequestError):
+    """A unit has no accepted calibration."""
+
+
 def in_force(units: UnitLibrary, name: str) -> CalibrationRecord:
     """Return the calibration of a unit in force."""
     found = newest_calibration(units, name)
     if found is None:
         kind = "simulated unit" if units.simulated else "unit"
         cause = f"{kind} {name} has no accepted calibration" if name else "the unit is not named"
-        raise RequestError(cause, "accept a calibration of this unit first", command="boat-daq twin accept RUN")
+        raise NotCalibrated(cause, "accept a calibration of this unit first", command="boat-daq twin accept RUN")
     if found.signal_unit != "mV":
         cause = f"the calibration of unit {name} is for signals in {found.signal_unit}, those of a board are in mV"
         raise RequestError(cause, "accept a calibration of this unit by the board first")

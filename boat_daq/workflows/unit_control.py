@@ -71,6 +71,10 @@ def twin_path(units: UnitLibrary, name: str) -> Path:
     return path_in(units.folder, f"{name}.twin.json")
 
 
+class NotIdentified(RequestError):
+    """The hysteresis of a unit is not identified with its calibration in force."""
+
+
 def load_twin(units: UnitLibrary, name: str) -> TwinFile:
     """Return the file of a unit under control."""
     from analysis.elongation_control.unit_file import read_twin
@@ -79,10 +83,10 @@ def load_twin(units: UnitLibrary, name: str) -> TwinFile:
     twin = read_twin(twin_path(units, name))
     command, remedy = "boat-daq twin identify RUN", "prepare the control of elongation from its calibration run"
     if twin is None:
-        raise RequestError(f"the hysteresis of unit {name} is not identified", remedy, command=command)
+        raise NotIdentified(f"the hysteresis of unit {name} is not identified", remedy, command=command)
     if twin.calibration_utc != stored.calibrated_utc:
         cause = f"unit {name} has had another calibration since its hysteresis was identified"
-        raise RequestError(cause, remedy, command=command)
+        raise NotIdentified(cause, remedy, command=command)
     return twin
 
 

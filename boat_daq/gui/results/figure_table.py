@@ -127,7 +127,7 @@ class KeyFigures(QWidget):
         self.all = controls.button("All figures", self._toggle, "quiet", tip="Every figure, or the six key figures")
         self.all.setCheckable(True)
         self.all.setChecked(bool(preferences.get(self._key, False)))
-        self.setLayout(controls.column((self.table, 1), controls.row(None, self.all), margins=(0, 0, 0, 0)))
+        self.setLayout(controls.column((self.table, 1000), controls.row(None, self.all), None, margins=(0, 0, 0, 0)))
 
     def _toggle(self) -> None:
         self._preferences.set(self._key, self.all.isChecked())
@@ -139,4 +139,6 @@ class KeyFigures(QWidget):
         """Show other figures, with a column for each sensor."""
         self._rows = key, every, sensors
         self.table.show_rows(every if self.all.isChecked() or not key else key, sensors)
+        rows, frame = self.table.verticalHeader().length(), 2 * self.table.frameWidth()
+        self.table.setMaximumHeight(self.table.horizontalHeader().height() + rows + frame + 2 * style.STEP)
         self.all.setVisible(bool(key) and len(every) > len(key))

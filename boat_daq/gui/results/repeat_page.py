@@ -29,6 +29,7 @@ _SENSORS = len(SYMBOLS)
 FILLED = "\u25cf\u25a0\u25b2\u25c6"  # the same as text
 _EMPTY: FloatArray = np.zeros(0)
 NO_FIGURE = "No cycle has this figure; the tooltip in the table gives the reason."
+CHOOSE = "Choose the plan"
 BREAK_HEADINGS = ("", "before", "after", "p (t)", "p (F)")
 BREAK_TIPS = {
     3: "Probability of means so far apart if nothing changed (t-test)",
@@ -177,7 +178,7 @@ class RepeatPage(QWidget):
         self.tests = DataTable("Both sides of each interruption compared", BREAK_HEADINGS)
         self.tests.explain(BREAK_TIPS)
         self.breaks = controls.inside(controls.column(style.GAP, self.break_texts, (self.tests, 1), spacing=style.GAP))
-        self.missing = EmptyState(*model.missing(), "Choose the plan", choose_plan)
+        self.missing = EmptyState(*model.missing(), CHOOSE, choose_plan)
         self.stack = Leaves(self.missing, self._filled())
         controls.page_layout(self).addWidget(self.stack)
 
@@ -211,7 +212,7 @@ class RepeatPage(QWidget):
         title, text = model.missing()
         self.stack.setCurrentIndex(0 if title else 1)
         if title:
-            self.missing.say(title, text, self.missing.button.text())
+            self.missing.say(title, text, "" if model.loading else CHOOSE)
         state, verdict = model.verdict()
         self.verdict.setText(verdict)
         self.verdict.setVisible(bool(verdict))

@@ -206,13 +206,12 @@ class RunsPage(QWidget):
         return frame
 
     def _units_card(self) -> QFrame:
-        self.no_units = controls.label(NO_UNITS, "muted", wrap=True)
-        self.no_units.setAlignment(Qt.AlignmentFlag.AlignCenter)
+        self.no_units = controls.label(NO_UNITS, "muted", elide=True)
         self.over_time = self.buttons["unit"] = controls.button("Over time …", self._show_unit, tip=OVER_TIME_TIP)
         self.units.itemSelectionChanged.connect(self._enable)
         self.units.itemDoubleClicked.connect(lambda _: self._show_unit())
-        units_head = controls.row(controls.label("Units", "subtitle"), None, self.over_time)
-        side, _ = controls.card(units_head, (self.units, 1), (self.no_units, 1))
+        units_head = controls.row(controls.label("Units", "subtitle"), (self.no_units, 1), self.over_time)
+        side, _ = controls.card(units_head, (self.units, 1))
         return side
 
     def resizeEvent(self, event: QResizeEvent) -> None:
@@ -220,7 +219,7 @@ class RunsPage(QWidget):
         narrow = self.width() < style.STACKED_BELOW
         self.heading.setVisible(not narrow)
         for card in self.cards:
-            card.setMinimumHeight(style.STACKED_HEIGHT if narrow else 0)
+            card.setMinimumHeight(style.STACKED_HEIGHT if narrow and card.maximumHeight() == style.UNLIMITED else 0)
         self.list.setColumnWidth(0, style.THUMBNAIL[0] // (2 if narrow else 1))
         super().resizeEvent(event)
 
@@ -361,6 +360,9 @@ class RunsPage(QWidget):
         self.units.fill(units, [cells[-1] for cells in units])
         self.units.setVisible(bool(units))
         self.no_units.setVisible(not units)
+        head = self.over_time.sizeHint().height() + 2 * style.CARD_PADDING
+        self.cards[0].setMaximumHeight(style.UNLIMITED if units else head)
+        self.below.setMaximumHeight(head if not units and self.below.currentIndex() == 0 else style.UNLIMITED)
         self._enable()
 
     def _list(self) -> None:
@@ -397,6 +399,7 @@ class RunsPage(QWidget):
 
     def _show_comparison(self) -> None:
         lines, legend = self.model.comparison_lines()
+        self.below.setMaximumHeight(style.UNLIMITED)
         self.below.setCurrentIndex(1 if lines else 0)
         self.compare_card.clear()
         self.compare_card.show_signals_in(self.model.comparison_unit)

@@ -269,12 +269,10 @@ class EmptyState(QWidget):
         self.words = controls.label(words, "muted", wrap=True)
         self.button = controls.button(action, on_click, "primary")
         frame, inside = controls.card(self.title, self.words, controls.row(self.button, None))
-        frame.setFixedWidth(style.FORM_WIDTH)
+        frame.setMaximumWidth(style.FORM_WIDTH)
         inside.setContentsMargins(*(6 * style.STEP,) * 4)
         inside.setSpacing(style.CARD_PADDING)
-        layout = controls.column(frame, margins=_NONE)
-        layout.setAlignment(frame, Qt.AlignmentFlag.AlignCenter)
-        self.setLayout(layout)
+        self.setLayout(controls.column(None, controls.row(None, (frame, 1000), None), None, margins=_NONE))
         self.button.setVisible(bool(action))
 
     def say(self, title: str, words: str, action: str) -> None:

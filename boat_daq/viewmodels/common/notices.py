@@ -24,7 +24,7 @@ from boat_daq.workflows.jobs import Job, JobState
 from protocol.base.errors import cause_and_remedy
 from protocol.base.units import STORED_UNITS, in_shown_units
 
-Offer = tuple[str, Callable[[], None]]
+Offer = tuple[str, Callable[[], object]]
 """Label and function of a button."""
 INFORMATION_S, SAVED_S, _REFUSED_S = 6.0, 30.0, 60.0
 NEW_S = 6.0  # so long a notice is shown before older, more severe ones
@@ -53,7 +53,7 @@ class Notice:
     remedy: str = ""
     details: str = ""
     action_text: str = ""
-    action: Callable[[], None] | None = None
+    action: Callable[[], object] | None = None
     at_s: float = 0.0
     time: str = ""  # of the day, for the history
     saved: Path | None = None  # a file that was written: it can be opened, or its folder
@@ -90,6 +90,7 @@ class Notices:
         self.history: list[Notice] = []
         self._open: list[Notice] = []
         self.units = STORED_UNITS  # in which they are shown
+        self.offers: dict[type[Exception], Offer] = {}  # what settles an error
 
     def add(
         self,
@@ -149,7 +150,7 @@ class Notices:
     def _add_error(self, error: Exception) -> None:
         """Add an error; one that is not the program's own with its traceback, which is logged too."""
         if (known := cause_and_remedy(error)) is not None:
-            self.add(Severity.WARNING, *known, refusal=True)
+            self.add(Severity.WARNING, *known, refusal=True, action=self.offers.get(type(error)))
         else:
             note_failure("in the window", error)
             self.add(Severity.WARNING, _plain(error), details="".join(traceback.format_exception(error)))

@@ -29,7 +29,7 @@ from protocol.base.arrays import FloatArray
 from protocol.base.errors import BoatDaqError, RequestError
 from protocol.base.units import MINUS, STORED_UNITS, ShownUnits, as_text, in_shown_units
 from protocol.base.whole_file import write_whole
-from protocol.recording import BoardState, SampleFlag
+from protocol.recording import SampleFlag
 
 
 @dataclass(frozen=True, slots=True)
@@ -386,8 +386,8 @@ def state_text(snapshot: SessionSnapshot, units: ShownUnits = STORED_UNITS) -> s
     if held := holding_text(snapshot, units):
         return f"\u25cf {held}"
     if snapshot.state in (SessionState.FAULT, SessionState.PAUSED) and snapshot.last is not None:
-        at_rest = snapshot.last.state is BoardState.VENTED or abs(snapshot.last.pressure_kpa) < VENTED_KPA
-        text += ", vented" if at_rest else ", venting"
+        kpa = snapshot.last.pressure_kpa  # a board that has restarted reports vented before its unit is
+        text += "" if math.isnan(kpa) else ", vented" if abs(kpa) < VENTED_KPA else ", venting"
     return f"{shape} {text}"
 
 

@@ -64,6 +64,11 @@ class UnitInUse:
         name = f"{self._followed[0]} {self._record.calibrated_utc}" if self._record is not None else ""
         return name if self.conversion is None else self.conversion.named(name)
 
+    @property
+    def recording(self) -> str:
+        """Name the recording of the calibration in force; empty without one."""
+        return self._record.recording if self._record is not None else ""
+
     def follow(self, snapshot: SessionSnapshot, revision: int) -> None:
         """Use the calibration in force of the unit on the bench, again whenever `revision` grows."""
         name = self.name(snapshot)

@@ -464,6 +464,8 @@ class CalibrationModel:
         if obstacle is not None or self.result is None:
             remedy = "See the warnings, and read or record what is missing."
             raise RequestError(f"this calibration cannot be accepted: {obstacle}".rstrip("."), remedy)
+        if self.last_path is not None and not self.last_path.exists():  # the calibration could never be verified
+            raise RequestError(f"{self.last_path} is gone", "Put the recording back, or analyse another one.")
         record = accepted_record(self.result, self._sampler())
         self._services.undo.push(Change("acceptance", *self._acceptance(self.result, record)))
 

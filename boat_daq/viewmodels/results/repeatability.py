@@ -143,11 +143,16 @@ class RepeatabilityModel:
         if self.result is not None and Path(self.result.path) == old:
             self.result = replace(self.result, path=str(new))
 
+    @property
+    def loading(self) -> bool:
+        """Whether the first run to be shown is being analysed."""
+        return self.result is None and not self.failure and self._loading
+
     def missing(self) -> tuple[str, str]:
         """Return title and text of what is missing; both empty where there is a cycle to show."""
         if self.failure:
             return "This run cannot be shown", self.failure
-        if self.result is None and self._loading:
+        if self.loading:
             return "Loading \u2026", "The run is being analysed."
         if self.result is None and self._cycle:
             return FIRST_RESULTS, f"Cycle {self._cycle} is in progress."

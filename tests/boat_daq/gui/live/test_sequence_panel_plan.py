@@ -6,6 +6,7 @@ from itertools import product
 
 from PySide6.QtTest import QTest
 
+from boat_daq.workflows.unit_control import NotIdentified
 from protocol.base.units import ShownUnits
 from tests.boat_daq.gui.windows import NARROW
 
@@ -115,6 +116,22 @@ def test_both_manual_fields_are_in_sight(live):
     plan = live.live.plan
     for widget in (plan.target, plan.elongation_button):
         assert widget.visibleRegion().boundingRect().height() >= widget.height() - 1
+
+
+def test_refusal_to_control_the_elongation_offers_what_is_missing(live, monkeypatch):
+    """The message named what to prepare, and nothing in the window did it."""
+    form, notices = live.live.plan, live.model.notices
+    form.elongation_button.click()
+    assert notices.current().action_text == "Go to Results"
+
+    def regulator():
+        raise NotIdentified("the hysteresis of unit SA1 is not identified")
+
+    monkeypatch.setattr(live.model.sequence, "_regulator", regulator)
+    form.elongation_button.click()
+    assert notices.current().action_text == "Prepare it"
+    notices.current().action()
+    assert "is gone" in notices.current().cause
 
 
 def test_the_uncertainty_has_the_unit_of_its_plan(live):

@@ -15,7 +15,7 @@ from boat_daq.engine.snapshot import ElongationControl, LinkState, Phase, Progre
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import UndoHistory
 from boat_daq.viewmodels.live.sequence import STATE_TEXTS, SequenceModel, drawing, staircase
-from protocol.recording import SampleFlag
+from protocol.recording import BoardState, SampleFlag
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, idle
 from tests.boat_daq.viewmodels.helpers import PLAN
 
@@ -154,6 +154,8 @@ def test_pressure_of_a_lost_board_is_unknown():
     assert "no watchdog" in shown(link=LinkState.LOST, state=SessionState.FAULT)[1]
     at = {"state": SessionState.FAULT, "last": {"target_kpa": math.nan}}
     assert shown(**at)[0] == "\u25a0 Fault, venting"
+    restarted = {"state": BoardState.VENTED, "target_kpa": math.nan}  # at +17 kPa it was "Fault, vented"
+    assert shown(**at | {"last": restarted})[0] == "\u25a0 Fault, venting"
     assert shown(**at | {"last": {"pressure_kpa": 0.4}})[0] == "\u25a0 Fault, vented"
     assert shown(**at | {"state": SessionState.PAUSED})[0] == "\u2016 Paused, venting"
     lost = "the link was lost"  # while an elongation was held: no run has ended

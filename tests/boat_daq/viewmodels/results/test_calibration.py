@@ -196,6 +196,7 @@ def test_choice_of_a_curve_is_fitted_undone_and_stored(tmp_path, result, monkeyp
     with pytest.raises(RequestError, match="no run"):
         model.choose_curve("4")
     model.last_path = tmp_path / "a.boat"
+    model.last_path.touch()
     for act in (lambda: model.choose_curve("4"), model._services.undo.undo, model._services.undo.redo):
         act()
     assert [curve for _, curve in started] == ["4", "", "4"]
@@ -243,6 +244,7 @@ def test_cancelled_analysis_keeps_what_was_shown(tmp_path, result, monkeypatch):
     monkeypatch.setattr(calibration, "Job", CancelledJob)
     model = model_on(tmp_path)
     model.last_path = tmp_path / "a.boat"
+    model.last_path.touch()
     model.show(dataclasses.replace(result, curve="3"))
     model.accept()
     model.posterior = (result.sensors[0].fit,)
@@ -288,6 +290,15 @@ def test_curve_that_turns_is_not_accepted(tmp_path, result):
     with pytest.raises(RequestError):
         model.accept()
     assert UnitLibrary(tmp_path / "units").names() == []
+
+
+def test_calibration_of_a_deleted_run_is_not_accepted(tmp_path, result):
+    """It was stored from memory, with the name of a file that is not there."""
+    model = model_on(tmp_path, result)
+    model.last_path = tmp_path / "SA1.boat"
+    with pytest.raises(RequestError, match="is gone"):
+        model.accept()
+    assert UnitLibrary(tmp_path / "units", simulated=True).names() == []
 
 
 def test_analysis_is_refused_during_a_run(tmp_path):

@@ -31,6 +31,7 @@ def marks(
     mark_mm: Annotated[
         float, typer.Option("--mark-mm", min=2, max=60, metavar="MM", help="Black square's side.")
     ] = 10.0,
+    as_json: JsonOption = False,
 ) -> None:
     """Write the two marks, for base and tip, as a PDF to print.
 
@@ -39,6 +40,7 @@ def marks(
     from analysis.tracking.sheet import write_sheet
 
     write_sheet(to, mark_mm)
+    present({"file": to, "mark_mm": mark_mm}, as_json=as_json)
     notify(f"wrote {to}: print it at 100 %, check the scale, and measure the printed marks")
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -98,7 +98,7 @@ def of_twin(folder: Path) -> dict[str, Any]:
     paper = PaperPart(shadow_rows(states, -44.8, 1.0, 1.0), [drawing])
     return {
         "twin identify RUN": twin,
-        "twin tune RUN": twin | {"step_response": lag_figures(replace(LAG, covariance=np.eye(3).tolist())).as_json()},
+        "twin tune RUN": twin | {"step_response": asdict(lag_figures(replace(LAG, covariance=np.eye(3).tolist())))},
         "twin dynamics RUN": DynamicCalibration("SA1", True, "a", 0.05, {1.0: steps}, bode, figure).as_json(),
         "twin predict RUN": {
             "unit": "", "simulated": True, "sensors": published, "published": published,

@@ -21,7 +21,7 @@ from boat_daq.workflows.camera_tracking import CameraChoice, camera_choice
 from protocol.base.optional import optional
 from tests.analysis.boat_builder import write_boat
 from tests.analysis.tracking.filmed_run import LEVELS, filmed_run, with_camera
-from tests.boat_daq.commands.calls import call, program, text
+from tests.boat_daq.commands.calls import call, program
 
 SCENE = CameraScene(width=160, height=120, px_per_mm=5.0)
 
@@ -112,8 +112,9 @@ def test_a_lens_is_calibrated_and_stored_with_the_unit(tmp_path: Path, monkeypat
 
 def test_marks_and_cameras(tmp_path: Path) -> None:
     """A sheet is written; the cameras of this computer are listed."""
-    text("camera", "marks", "--out", tmp_path / "marks.pdf")
-    assert (tmp_path / "marks.pdf").read_bytes().startswith(b"%PDF")
+    sheet = tmp_path / "marks.pdf"
+    assert call("camera", "marks", "--out", sheet) == {"file": str(sheet), "mark_mm": 10.0}
+    assert sheet.read_bytes().startswith(b"%PDF")
     assert isinstance(call("camera", "list"), list)
 
 

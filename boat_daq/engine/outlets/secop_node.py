@@ -172,7 +172,7 @@ class SecopNode:
                 yield from self.updates(where).values()
                 yield f"active {where}".rstrip()
             case "deactivate":
-                yield f"inactive {where}".rstrip()
+                yield f"inactive {self._known(where)}".rstrip()
             case "read":
                 yield f"reply {where} {self._value(where, 'value')}"
             case "change":
@@ -182,11 +182,11 @@ class SecopNode:
                 result = self._do(where, data, may_control=may_control)
                 yield f"done {where} {_json([result, {'t': time.time()}])}"
             case "logging":
-                yield f'logging {self._logged(where)} "off"'  # whatever was requested: nothing is logged to clients
+                yield f'logging {self._known(where)} "off"'  # whatever was requested: nothing is logged to clients
             case "help":
                 yield "helping 1 " + _json("*IDN? describe activate deactivate ping read change do")
             case _:
-                raise SecopError("ProtocolError", f"there is no request {action[:32]!r}")
+                raise SecopError("ProtocolError", "there is no such request")
 
     def description(self) -> dict[str, Any]:
         """Return the description of the node."""
@@ -228,17 +228,19 @@ class SecopNode:
 
     def _module(self, where: str) -> _Module:
         name = where.partition(":")[0]
+        if not name:
+            raise SecopError("ProtocolError", "the name of a module is missing")
         if name not in self.modules:
             raise SecopError("NoSuchModule", f"there is no module {name[:32]!r}")
         return self.modules[name]
 
-    def _logged(self, where: str) -> str:
+    def _known(self, where: str) -> str:
         if where:
             self._module(where)
         return where
 
     def _parameter(self, where: str, usual: str) -> _Parameter:
-        key = where.partition(":")[2] or usual
+        key = where.partition(":")[2] if ":" in where else usual
         found = self._module(where).parameters.get(key)
         if found is None:
             raise SecopError("NoSuchParameter", f"there is no parameter {key[:32]!r}")

@@ -105,7 +105,7 @@ def test_board_is_found_by_its_usb_serial_number(monkeypatch, tmp_path, make, pr
     first, second = tmp_path / "ttyACM0", tmp_path / "ttyACM1"
     present: list[SimpleNamespace] = []
     monkeypatch.setattr(ports.system_ports, "comports", lambda: present)
-    board, again, instrument = Plug(make()), Plug(make()), Plug(lambda _came: b"")
+    board, again, other = Plug(make()), Plug(make()), Plug(make())
     board.at(first)
     present[:] = [port(first, "PSOC-7")]
     try:
@@ -115,14 +115,14 @@ def test_board_is_found_by_its_usb_serial_number(monkeypatch, tmp_path, make, pr
             board.pull()
             present[:] = []
             assert session.wait(lambda s: s.link is LinkState.LOST, PATIENCE_S).link is LinkState.LOST
-            instrument.at(first)  # another instrument takes the name, the board comes back with the next one
+            other.at(first)  # another of the same identity takes the name, the board comes back with the next one
             again.at(second)
             present[:] = [port(first, "T-1"), port(second, "PSOC-7")]
             seen = reached(session, lambda s: s.link is LinkState.UP, PATIENCE_S)
             assert (seen.link, seen.port) == (LinkState.UP, str(second))
-        assert instrument.received == b""
+        assert other.received == b""
     finally:
-        for plug in (board, again, instrument):
+        for plug in (board, again, other):
             plug.pull()
 
 

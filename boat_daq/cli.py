@@ -52,7 +52,7 @@ _GROUPS = {  # in the order of --help: place of the command in `commands/`, a fu
         "recordings.recover": "Close what a killed session left",
         "recordings.upgrade": "Convert a recording of an older version",
         "metadata": "Show or change who, what and where of a recording",
-        "examples": "Copy the example recordings",
+        "examples": "Copy the example recordings and a notebook",
     },
     "models": {
         "optics": "Trace rays; sweep and optimise designs",

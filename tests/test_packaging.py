@@ -165,13 +165,14 @@ def test_recordings_have_a_type_of_file_of_their_own() -> None:
 
 
 def test_examples_are_copied_and_never_replaced(tmp_path: Path) -> None:
-    """The recordings are there, the same bytes; a file of that name stays as it is."""
+    """Recordings and notebook are there, the same bytes; a file of that name stays as it is."""
     out = tmp_path / "examples"
     done = CliRunner().invoke(app, ["examples", "--out", str(out), "--json"])
     assert done.exit_code == 0, done.output
     files = [Path(file) for file in json.loads(done.stdout)["files"]]
-    assert {file.name for file in files} == {file.name for file in (ROOT / "recordings").iterdir()}
-    assert all(file.read_bytes() == (ROOT / "recordings" / file.name).read_bytes() for file in files)
+    sources = {path.name: path for path in (*(ROOT / "recordings").iterdir(), *ROOT.glob("docs/tutorial/*.ipynb"))}
+    assert {file.name: file.read_bytes() for file in files} == {k: p.read_bytes() for k, p in sources.items()}
+    assert len(sources) > 2
     files[0].write_text("mine")
     assert CliRunner().invoke(app, ["examples", "--out", str(out)]).exit_code == 0
     assert files[0].read_text() == "mine"

@@ -1,4 +1,4 @@
-"""`boat-daq examples` and `help tutorial`: the recordings and the tutorial that come with the program."""
+"""`boat-daq examples` and `help tutorial`: recordings, notebook and tutorial that come with the program."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ def examples(
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder to copy them to.")] = Path("recordings"),
     as_json: JsonOption = False,
 ) -> None:
-    """Copy the example recordings of the virtual board to a folder; a file that is there already stays as it is.
+    """Copy example recordings of the virtual board and a notebook to a folder; a file that is there stays as it is.
 
     Example: boat-daq examples --out recordings
     """
     files = []
     with writing(out):
         out.mkdir(parents=True, exist_ok=True)
-        for source in example_files():
+        for source in (*example_files(), *shipped("docs/tutorial/*.ipynb", "share/doc/boat-daq")):
             target = out / source.name
             if not target.exists():
                 with written_whole(target) as part:

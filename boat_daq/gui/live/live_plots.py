@@ -1,6 +1,6 @@
 """The plots of the live page: signals, elongation, pressure over one time axis, or the last cycles overlaid.
 
-Drawing is pulled: `draw` asks the view model for one frame. Nothing here knows how many samples there are. Twice a
+Drawing is pulled: `draw` asks the view model for one frame. Nothing here knows how many samples there are. Once a
 second the picture is drawn whole; in between its pixels are moved, and only what is new is painted.
 """
 
@@ -33,7 +33,7 @@ from protocol.recording import ExtraChannel
 PREDICTED = "\u2504 predicted, band 95 %"
 PREDICTED_TIP = "Predicted from the pressure by traced light; the band holds how far that is from the readings, too"
 MOST_OF_A_NOTE = 28  # letters beside a marker; the whole of it on hover
-WHOLE_S = 0.5  # a change that no sample tells of, such as another calibration, is seen after so long
+WHOLE_S = 1.0  # a change that no sample tells of, such as another calibration, is seen after so long
 WHOLE_PX = 0.05  # pixels are moved by a whole number of them, up to so much
 _CHANGES = QEvent.Type.MetaCall.value  # Qt's events by which a scene has its changes repainted
 AROUND_PX = 2  # a line's width, and the rounding of its end

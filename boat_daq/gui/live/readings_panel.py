@@ -8,7 +8,7 @@ from typing import Any
 
 from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelIndex, Qt, Signal
 from PySide6.QtGui import QFont, QGuiApplication, QKeyEvent, QKeySequence, QResizeEvent
-from PySide6.QtWidgets import QApplication, QBoxLayout, QCheckBox, QFrame, QHeaderView, QTableView, QWidget
+from PySide6.QtWidgets import QApplication, QBoxLayout, QCheckBox, QFrame, QHeaderView, QSizePolicy, QTableView, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.engine.toml_values import read_text
@@ -44,7 +44,8 @@ class ReadingBar(QFrame):
         self.step_id: int | None = None
         self._due = ""  # the question of the plateau
         self._doubted: tuple[int | None, str] | None = None  # what Enter takes when it is pressed again
-        self.question = controls.label("", "set", name="Reading that is due", elide=True, least=style.QUESTION_LEAST)
+        self.question = controls.label("", "set", name="Reading that is due", elide=True)
+        self.question.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)  # none moves the field
         self.field = controls.field("Elongation in mm", on_enter=self.enter, width=3 * style.CONTROL_HEIGHT)
         self.field.setProperty("role", "reading")
         show = partial(services.show, Panel.PHOTOGRAPH)
@@ -69,7 +70,7 @@ class ReadingBar(QFrame):
         self.answer = controls.row(
             self.field, self.unit, self.left, None, self.simulated, self.all, self.photo, self.skip
         )
-        self.lines = controls.row((self.question, 1), self.answer)
+        self.lines = controls.row((self.question, 1), (self.answer, 1))
         controls.as_card(self, self.lines)
         self.setMinimumWidth(1)
         self.hide()
@@ -150,6 +151,8 @@ class ReadingBar(QFrame):
         self.lines.setContentsMargins(style.CARD_PADDING, upright, style.CARD_PADDING, upright)
         way = QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight
         self.lines.setDirection(way)
+        self.question.setMinimumWidth(0 if narrow else style.QUESTION_LEAST)
+        self.question.setMaximumWidth(style.UNLIMITED if narrow else 2 * style.QUESTION_LEAST)
         self._fit()
 
     def resizeEvent(self, event: QResizeEvent) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from PySide6.QtWidgets import (
     QBoxLayout,
     QCheckBox,
     QFrame,
+    QGridLayout,
     QLabel,
     QLayout,
     QLineEdit,
@@ -169,7 +170,10 @@ class SequencePanel(QFrame):
         measure = self.progress.fontMetrics().horizontalAdvance
         texts = [progress_text(snapshot, leave_out, self.run.sequence.units) for leave_out in range(3)]
         shown = next((text for text in texts if measure(text) <= self.progress.width()), texts[-1])
-        controls.set_text(self.progress, shown or self.run.sequence.line(snapshot))
+        model = self.run.sequence
+        controls.set_text(
+            self.progress, shown or model.line(snapshot), shorter="" if shown else model.estimate(snapshot)
+        )
 
     def _show_uncertainty(self, text: str) -> None:
         """Show the uncertainty in a line of its own, wrapped: no number of it is ever cut."""
@@ -259,7 +263,7 @@ class PlanForm(QScrollArea):
         self.more.hide()
         plan, _ = controls.card(
             controls.row(controls.label("Plan", "subtitle"), None, self.choice),
-            controls.form((entry.label, self.fields[entry.key], entry.unit) for entry in shown),
+            _form((entry.label, self.fields[entry.key], entry.unit) for entry in shown),
             self.ask_readings,
             self.refused,
             controls.row((self.estimate, 1), self.edit),
@@ -273,8 +277,7 @@ class PlanForm(QScrollArea):
             entry.key: (controls.label(entry.label), self.fields[entry.key], self._unit(entry.unit))
             for entry in entries
         }
-        grid = controls.form(self.rows.values())
-        grid.setHorizontalSpacing(style.STEP)
+        grid = _form(self.rows.values())
         self.asked = controls.field("", width=FIELD_WIDTH, placeholder="off")
         self.asked.editingFinished.connect(self._ask)
         self.asked_label, self.asked_unit = controls.label(), controls.label("", "muted")
@@ -302,7 +305,7 @@ class PlanForm(QScrollArea):
         self.set_button = controls.button("Set pressure", self._set_pressure, tip="Within limits, without a run")
         manual, _ = controls.card(
             controls.label("Manual pressure", "subtitle"),
-            controls.form((("Target", self.target, self._unit("kPa")), ("Ramp", self.ramp, self._unit("kPa/s")))),
+            _form((("Target", self.target, self._unit("kPa")), ("Ramp", self.ramp, self._unit("kPa/s")))),
             controls.row((self.limits, 1), self.set_button),
         )
         return manual
@@ -317,7 +320,7 @@ class PlanForm(QScrollArea):
         self.hold.toggled.connect(self._hold)
         elongation, _ = controls.card(
             controls.label("Manual elongation", "subtitle"),
-            controls.form((("Target", self.mm, self._unit("mm")),)),
+            _form((("Target", self.mm, self._unit("mm")),)),
             self.hold,
             controls.row((self.elongation, 1), self.elongation_button),
         )
@@ -425,3 +428,11 @@ class PlanForm(QScrollArea):
         self._show_units()
         controls.set_text(self.estimate, model.estimate(snapshot))
         self._show_refused()
+
+
+def _form(rows: Iterable[tuple[str | QWidget, QWidget, str | QWidget]]) -> QGridLayout:
+    """Return a form whose fields are below those of the other cards, whatever their units."""
+    grid = controls.form(rows)
+    grid.setHorizontalSpacing(style.STEP)
+    grid.setColumnMinimumWidth(2, style.text_width(style.font(), "kPa/s"))
+    return grid

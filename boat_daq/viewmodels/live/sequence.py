@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from boat_daq.engine.control.elongation import Regulator
-from boat_daq.engine.control.sequencer import VENTED_KPA
+from boat_daq.engine.control.sequencer import READING_S, VENTED_KPA
 from boat_daq.engine.control.watchdog import FAST, LONGEST_MS, REAL_TIME_MS
 from boat_daq.engine.plan import Plan, built_in_plans, plan_from_toml
 from boat_daq.engine.session.session import Session
@@ -185,7 +185,12 @@ class SequenceModel:
     def _estimate(plan: Plan, *, waits: bool) -> str:
         plateaus, lasts_s = _extent(plan)
         size = f"{count(plateaus, 'plateau')}, " if plateaus else ""
-        return f"{size}about {duration(lasts_s)}" + (" plus your readings" if waits and plateaus else "")
+        if not (waits and plateaus):
+            return f"{size}about {duration(lasts_s)}"
+        run, whole = (
+            f"{s:.0f} s" if s < 60 else f"{s / 60:.0f} min" for s in (lasts_s, lasts_s + plateaus * READING_S)
+        )
+        return f"{size}{run} + your readings, about {whole}"
 
     def in_force(self, snapshot: SessionSnapshot) -> Plan:
         """Return the plan that is armed or running, else the chosen one."""

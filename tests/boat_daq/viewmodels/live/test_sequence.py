@@ -53,7 +53,7 @@ def test_drawing_and_text_are_of_the_plan_that_runs_next(tmp_path: Path) -> None
     held = {state: dataclasses.replace(connected(), plan=one, state=state) for state in SessionState}
     limits = (-40.0, 50.0)
     assert model.drawing(ended) == drawing(model.plan, 0.0, limits)
-    assert model.line(ended) == "calibration: 91 plateaus, about 6:08 plus your readings"
+    assert model.line(ended) == "calibration: 91 plateaus, 6 min + your readings, about 21 min"
     for state in (SessionState.ARMED, SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING):
         assert model.drawing(held[state]) == drawing(one, 0.0, limits)
         assert model.line(held[state]).startswith("calibration: 19 plateaus, ")

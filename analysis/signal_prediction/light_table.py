@@ -41,9 +41,9 @@ _MOST = 1500
 _TOLERANCE = (
     1e-3  # of the light's range, in the middle of an interval; one that fails it is split, as are its neighbours
 )
-LEAST_RAYS = 5.0  # that the middle must be off by: fewer are the chance of a fan
+LEAST_RAYS = 10.0  # that the middle must be off by: fewer are the chance of a fan
 NARROWEST_MM = 5e-4
-_RAYS = 100_000
+_RAYS = 20_000
 _ARRAYS = ("losses_db_per_cm", "elongation_mm", "light_percent")
 _PART = ("loss_db_per_cm", "elongation_mm", "light_percent")
 
@@ -103,7 +103,8 @@ def light_of(
 def _digest(actuator: ActuatorParameters, face: Face) -> str:
     """Return the hash of all that a table depends on."""
     design = asdict(replace(PAPER_OPTIMUM, face=face))
-    content = [asdict(actuator), design, _PRESSURES_KPA, _SHAPES, FIRST, _TOLERANCE, _RAYS, program_version()]
+    chosen = _PRESSURES_KPA, _SHAPES, FIRST, _TOLERANCE, LEAST_RAYS, _RAYS
+    content = [asdict(actuator), design, *chosen, program_version()]
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:20]
 
 

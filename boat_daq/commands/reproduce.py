@@ -97,10 +97,8 @@ def optics(
 ) -> None:
     """Rank the paper's design under each reading of the paper.
 
-    A reading settles what the paper leaves open.
-
-    Readings are the place of the cavities, the guide's thickness, the states and the emission: 48 combinations, each
-    swept over the paper's 648 designs in 15 states.
+    A reading settles what the paper leaves open: the place of the cavities, the guide's thickness, the states, the
+    emission, or the order of the secondary rays. Each is swept over the paper's 648 designs in 15 states.
 
     Example: boat-daq reproduce optics --out optics
     """

@@ -74,7 +74,7 @@ def identify(
 
     A generalised Prandtl-Ishlinskii model, by the calibration in force.
 
-    For another actuator or other cavities the light is traced once, which takes 15 to 60 minutes; a stopped call
+    For another actuator or other cavities the light is traced once, which takes some minutes; a stopped call
     (Ctrl-C) continues. The model then predicts the signals of the unit.
 
     Example: boat-daq twin identify SA1.boat

@@ -95,7 +95,7 @@ def of_twin(folder: Path) -> dict[str, Any]:
     published = [one.as_json() for one in published_prediction()]
     states = GuideStates(default_curves(), np.zeros(15), np.zeros(15), "stored")
     drawing = PaperDrawing("2B", "guides", "states", partial(draw_states, states.curves_mm))
-    paper = PaperPart(shadow_rows(states, -44.8, 1.0, 1.0), [drawing])
+    paper = PaperPart(shadow_rows(states, -43.3, 1.0, 1.0), [drawing])
     return {
         "twin identify RUN": twin,
         "twin tune RUN": twin | {"step_response": asdict(lag_figures(replace(LAG, covariance=np.eye(3).tolist())))},

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import statistics
 from pathlib import Path
 from typing import Any
 
@@ -59,9 +58,10 @@ def test_limits_of_the_shadow_are_those_of_shadow_solve() -> None:
     """Where the default actuator buckles, and its ends."""
     found = called("shadow", "solve", "--pressure", "-40")
     says(SHADOW, f"becomes oval (n = 2) at {found['critical_pressure_kpa']:.1f} kPa")
-    assert cells(PAPER, "shadow: pressure of buckling")[2] == f"{found['critical_pressure_kpa']:.1f}"
-    ends = [found["elongation_mm"], called("shadow", "solve", "--pressure", "50")["elongation_mm"]]
-    assert cells(PAPER, "shadow: elongation at -40 and +50 kPa")[2] == ", ".join(f"{x:+.5f}" for x in ends)
+    assert cells(PAPER, "shadow: pressure of buckling")[2] == f"{found['critical_pressure_kpa']:.6g}"
+    assert cells(PAPER, "shadow: elongation at -40 kPa")[2] == f"{found['elongation_mm']:.6g}"
+    stretched = called("shadow", "solve", "--pressure", "50")["elongation_mm"]
+    assert cells(PAPER, "shadow: elongation at +50 kPa")[2] == f"{stretched:.6g}"
 
 
 def test_errors_of_the_shadow_are_those_of_shadow_solve_and_table() -> None:
@@ -87,7 +87,7 @@ def test_buckling_of_other_actuators_is_that_of_shadow_solve(tmp_path: Path) -> 
         found = called("shadow", "solve", "--pressure", "-1", "--parameters", str(file))
         return float(found["critical_pressure_kpa"])
 
-    for wall, modulus, neck in ((1.8, 1413.6, 4.757), (2.4, 1276.6, 4.048)):
+    for wall, modulus, neck in ((1.8, 1392.8, 4.786), (2.4, 1253.6, 4.094)):
         kpa = critical(f"wall_mm = {wall}\nwall_modulus_kpa = {modulus}\nneck_radius_mm = {neck}\n")
         says(SHADOW, f"{kpa:.0f} kPa for {wall} mm ({modulus} kPa")
     soft, stiff = (critical(f"lattice_modulus_kpa = {18.34 + change}\n") for change in (-1.86, 1.86))
@@ -104,7 +104,10 @@ def test_ranks_are_those_of_optics_sweep(tmp_path: Path) -> None:
     assert row[0].startswith(f"{ranks['all']['rank']} of {ranks['all']['of']} ")
     assert row[1].startswith(f"{ranks['paper_map']['rank']} of {ranks['paper_map']['of']} ")
     assert row[2] == f"{more['all']['rank']}, {more['paper_map']['rank']}"
-    assert more["same_cavities"]["rank"] == 1
+    says(OPTICS, f"a count is exact to {first['error']['of_95_percent']:.0f} rays (95 %)")
+    assert len(first["winners"]) == first["fans"] == 7
+    values = [finer["best"][key] for key in ("cavities", "width_mm", "depth_mm", "spacing_mm")]
+    says(OPTICS, f"400 secondaries the best design is ({', '.join(map(str, values))})")
     assert cells(PAPER, "rank of the paper's pattern among the 36 of figure 3D")[2] == str(ranks["paper_map"]["rank"])
     scene = tmp_path / "scene.toml"
     scene.write_text("secondary = 100\n")
@@ -137,40 +140,45 @@ def test_bending_and_light_are_those_of_shadow_chain() -> None:
 @pytest.mark.nightly
 @pytest.mark.timeout(1800)
 def test_readings_are_those_of_reproduce_optics() -> None:
-    """Ranks of every single change of the default reading, and the range over all readings."""
-    outcomes = called("reproduce", "optics")["readings"]
-    axes = {"face": "outer", "thickness_mm": 2.0, "states": "-40 to +50 kPa", "emission": "uniform"}
-    names = {"emission": {"lambertian": "emission: Lambertian"}, "states": {"-50 to +50 kPa": "curves: -50 to +50 kPa",
-             "formula": "curves: formula"}, "thickness_mm": {1.5: "thickness: 1.5 mm"},
-             "face": {face: f"face: {face}" for face in ("inner", "both", "midline")}}  # fmt: skip
-    paper = [one for one in outcomes if one["rays"] == 250]
-    for one in outcomes:
-        changed = [axis for axis, value in axes.items() if one[axis] != value]
-        if len(changed) > 1 or (one["rays"] == 250 and one["fans"] == 1):
-            continue
-        row = cells(OPTICS, names[changed[0]][one[changed[0]]] if changed else "none")
+    """Ranks of every single change of the default reading, and how far it changes the order."""
+    found = called("reproduce", "optics")
+    axes = {"face": "outer", "thickness_mm": 2.0, "states": "-40 to +50 kPa", "emission": "uniform", "order": "time"}
+    names = {"lambertian": "emission: Lambertian", "-50 to +50 kPa": "curves: -50 to +50 kPa",
+             "formula": "curves: formula", "1.5": "thickness: 1.5 mm", "bounce": "order: bounces",
+             "index": "order: ray number", "inner": "face: inner", "both": "face: both",
+             "midline": "face: midline"}  # fmt: skip
+    for one in found["readings"]:
+        changed = [str(one[axis]) for axis, value in axes.items() if one[axis] != value]
+        row = cells(OPTICS, names[changed[0]] if changed else "none")
         ranks, mapped = one["ranks"]["all"], one["ranks"]["paper_map"]
         if one["rays"] == 250:
             for cell, rank in zip(row[:2], (ranks, mapped), strict=True):
                 assert cell == f"{rank['rank']} of {rank['of']} ({rank['low']} to {rank['high']})"
         else:
-            assert row[2 if one["by"] == "count" else 3] == f"{ranks['rank']}, {mapped['rank']}"
-    for cell, among in zip(cells(OPTICS, "all 48 readings")[:2], ("all", "paper_map"), strict=True):
-        every = [one["ranks"][among]["rank"] for one in paper]
-        assert len(every) == 48
-        assert cell == f"{min(every)} to {max(every)}, median {statistics.median(every):.0f}"
+            assert row[2] == f"{ranks['rank']}, {mapped['rank']}"
+    assert len(found["influences"]) == 9
+    for one in found["influences"]:
+        assert cells(OPTICS, names[one["value"]])[3] == f"{one['correlation']:.2f}"
 
 
 @pytest.mark.nightly
 @pytest.mark.timeout(1800)
 def test_the_table_of_the_paper_is_that_of_reproduce(tmp_path: Path) -> None:
-    """Computed rows are equal; those of sensors, whose noise differs, are within their two intervals."""
+    """Every row by its name: what is computed is equal, sensors within both intervals, times within their order."""
     rows = {row["quantity"]: row for row in called("reproduce", "--out", str(tmp_path))["rows"]}
-    known = ("b0", "b1", "b2", "b3", "sensitivity", "SNR")
-    for name in ("system: sensitivity", *(f"sensor {n}: {what}" for n in (1, 2) for what in known)):
-        row, shown = rows[name], cells(PAPER, name)
-        assert abs(float(shown[2]) - row["ours"]) < 2.0 * (row["high"] - row["low"])
-        assert float(shown[1]) == pytest.approx(row["paper"], rel=1e-5)
-    best = [f"{rows[f'best pattern: {name}']['ours']:.1f}" for name in ("width", "depth", "spacing")]
-    best.insert(0, f"{rows['best pattern: cavities']['ours']:.0f}")
-    assert cells(PAPER, "best pattern: cavities, width, depth, spacing")[2] == ", ".join(best)
+    table = (ROOT / PAPER).read_text(encoding="utf-8").split("| quantity |")[1].split("\n\n")[0].splitlines()[2:]
+    assert len(table) > 30
+    for line in table:
+        name, _, published, ours, interval = (cell.strip() for cell in line.strip("|").split("|"))
+        row = rows[name]
+        assert float(published) == pytest.approx(row["paper"], rel=1e-5), name
+        if interval:
+            assert abs(float(ours) - row["ours"]) < 2.0 * (row["high"] - row["low"]), name
+        elif name in ("time of the sweep", "shadow: frames"):
+            assert 0.1 < float(ours) / row["ours"] < 10.0, name
+        elif name.endswith("R²"):
+            assert float(ours) == pytest.approx(row["ours"], abs=1e-4), name
+        elif name.startswith("elongation"):  # of readings on a grid of 0.02 mm
+            assert float(ours) == pytest.approx(row["ours"], abs=0.02), name
+        else:
+            assert ours == f"{row['ours']:.6g}", name

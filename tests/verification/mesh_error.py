@@ -1,6 +1,6 @@
 """The error of the shadow's mesh over the actuators that its parameters allow, for `analysis/shadow/model/full.py`.
 
-    python -m tests.verification.mesh_error --actuators 200
+    python -m tests.verification.mesh_error --actuators 150
 
 Random actuators (cells 2 to 8, wall 1.2 to 3.2 mm, its modulus 500 to 3500 kPa, lattice 5 to 60 kPa, Poisson's ratio 0
 to 0.45, belly 6 to 12 mm, neck 0.4 to 0.9 of it) are solved at a random pressure of -30 to +50 kPa, on the
@@ -61,7 +61,7 @@ def errors(actuators: int, seed: int = 0) -> tuple[FloatArray, FloatArray]:
 def main() -> None:
     """Print the errors."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--actuators", type=int, default=200)
+    parser.add_argument("--actuators", type=int, default=150)
     found, true = errors(parser.parse_args().actuators)
     share = 100.0 * found / np.maximum(np.abs(true), 0.1)
     print(

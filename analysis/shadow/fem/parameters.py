@@ -26,7 +26,7 @@ class ActuatorParameters:
     cells: int = 6  # bladders in the row (assumed: six)
     pitch_mm: float = 12.5  # distance of neighbouring bladders, equal to the lattice's unit cell (paper: 12.5)
     # neck_radius_mm, belly_radius_mm: least (fitted) and greatest (assumed) inner radius of the bladders
-    neck_radius_mm: float = 4.277
+    neck_radius_mm: float = 4.3165
     belly_radius_mm: float = 7.5
     wall_mm: float = 2.2  # thickness of the elastomer wall, measured along r (assumed)
     envelope_radius_mm: float = 25.0  # outer radius of the lattice (assumed: two unit cells)
@@ -34,12 +34,12 @@ class ActuatorParameters:
     lattice_modulus_sd_kpa: float = 1.86  # its standard deviation over three specimens (paper)
     # lattice_poisson, wall_poisson: Poisson's ratios (assumed)
     lattice_poisson: float = 0.3
-    wall_modulus_kpa: float = 1320.9  # Young's modulus of the wall (fitted)
+    wall_modulus_kpa: float = 1298.4  # Young's modulus of the wall (fitted)
     wall_poisson: float = 0.49
     guide_bow_mm: float = 18.0  # greatest distance of a waveguide's centreline from the axis (assumed)
     guide_end_mm: float = 12.5  # length of each rigid end piece, in which the guides run to their junction (assumed)
     # axial_elements, wall_elements, lattice_elements: elements along one cell, across the wall, across the lattice
-    axial_elements: int = 8
+    axial_elements: int = 16
     wall_elements: int = 2
     lattice_elements: int = 4
     grading: float = 3.0  # ratio of the outermost to the innermost lattice element's width

@@ -1,15 +1,14 @@
 """The rank of the paper's optical design under each reading of what the paper leaves open.
 
-Strategy: a reading is one choice of every open parameter. All combinations are swept as the paper did it: 250 rays,
-counted, 100 secondaries. The default reading, and those that differ from it in one choice, are also swept with the fan
-turned, and with more rays, counted and by power, because a rank that only one fan of 250 rays shows is chance. P is a
-product, so the distance to the best design is told apart exactly into its three factors.
+Strategy: a reading is one choice of every open parameter: the default one, and those that differ from it in one choice.
+Each is swept as the paper did it, with 250 rays, counted, 100 secondaries; with the fan turned; and with more rays,
+because a rank that only one fan of 250 rays shows is chance. P is a product, so the distance to the best design is told
+apart exactly into its three factors.
 """
 
 from __future__ import annotations
 
 import hashlib
-import itertools
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -21,14 +20,14 @@ from scipy.stats import spearmanr
 
 from analysis.optics.scene.parameters import (
     FACES,
+    ORDERS,
     PAPER_RAYS,
-    By,
     Design,
     Emission,
     Face,
     Light,
+    Order,
     Waveguide,
-    light_by,
 )
 from analysis.optics.sweep.fans import FanResult, compare_fans
 from analysis.optics.sweep.sweep import SweepRequest, SweepResult, find_design, paper_grid, run_sweep
@@ -42,17 +41,15 @@ THICKNESSES_MM = (2.0, 1.5)
 EMISSIONS: tuple[Emission, ...] = ("uniform", "lambertian")
 FANS, CONVERGED_RAYS = 3, 1_000
 _FILE_NAME = "optics.json"
-AXES = ("face", "thickness_mm", "states", "emission")
+AXES = ("face", "thickness_mm", "states", "emission", "order")
 _GROUPS = {"all": "all designs", "same_cavities": "designs with five cavities", "paper_map": "the paper's own map"}
 DECIDED_BY = {
     "face": "where the cavities are: a section of the guide, or the geometry of figure 3A",
     "thickness_mm": "the thickness of the simulated guide",
     "states": "the deformation curves of the mechanical simulation, in mm, for the 15 states",
     "emission": "the distribution of directions that was set at the source",
+    "order": "the order in which the 100 secondary rays were followed",
 }
-FAINTEST = 0.01
-"""Faintest power followed by power: half the cost of the default, and P of both correlates by 0.98."""
-_COST_OF_POWER = 2.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,26 +60,15 @@ class PaperReading:
     thickness_mm: float
     states: str  # name of the deformation curves
     emission: Emission
+    order: Order  # of the secondary rays that are followed
 
 
 @dataclass(frozen=True, slots=True)
 class Sampling:
-    """Sampling of a sweep: the quantity of P, the number of rays, and the turns of the fan."""
+    """Sampling of a sweep: the number of rays, and the turns of the fan."""
 
-    by: By
     rays: int
     fans: int
-
-    @property
-    def light(self) -> Light:
-        """Return the rays released, and how far they are followed."""
-        light = light_by(self.by, self.rays)
-        return light if self.by == "count" else replace(light, faintest=FAINTEST)
-
-    @property
-    def cost(self) -> float:
-        """Return the work of one design, in rays."""
-        return self.rays * self.fans * (_COST_OF_POWER if self.by == "power" else 1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,26 +95,20 @@ class Outcome:
 
 
 def readings(states: Sequence[str]) -> list[PaperReading]:
-    """Return all combinations of the open choices; the first is the default one."""
-    return [PaperReading(*choice) for choice in itertools.product(FACES, THICKNESSES_MM, states, EMISSIONS)]
-
-
-def one_change(every: Sequence[PaperReading]) -> list[PaperReading]:
-    """Return the first reading, and those that differ from it in one choice."""
-    return [r for r in every if sum(getattr(r, axis) != getattr(every[0], axis) for axis in AXES) <= 1]
+    """Return the default reading, and those that differ from it in one choice."""
+    first = PaperReading(FACES[0], THICKNESSES_MM[0], states[0], EMISSIONS[0], ORDERS[0])
+    choices: dict[str, Sequence[Any]] = dict(zip(AXES, (FACES, THICKNESSES_MM, states, EMISSIONS, ORDERS), strict=True))
+    return [first, *(replace(first, **{axis: value}) for axis, every in choices.items() for value in every[1:])]
 
 
 def plan(states: Sequence[str], fans: int, rays: int) -> list[tuple[PaperReading, Sampling]]:
     """Return the sweeps in order.
 
     `states`: names of the deformation curves. `fans`: turns of the fan with the paper's rays. `rays`: released in the
-    converged sweeps. Only readings with one change have turns and converged sweeps.
+    converged sweeps.
     """
-    every = readings(states)
-    finer = one_change(every)
-    kinds: tuple[By, ...] = ("count", "power")
-    as_paper = [(reading, Sampling("count", PAPER_RAYS, fans if reading in finer else 1)) for reading in every]
-    return as_paper + [(reading, Sampling(by, rays, 1)) for by in kinds for reading in finer]
+    samplings = Sampling(PAPER_RAYS, fans), Sampling(rays, 1)
+    return [(reading, sampling) for sampling in samplings for reading in readings(states)]
 
 
 def reproduce(
@@ -149,24 +129,24 @@ def reproduce(
     todo = plan(list(curves), fans, rays)
     file = None if folder is None else folder / _FILE_NAME
     kept = {} if file is None else _kept(file)
-    total, done, out = sum(sampling.cost for _, sampling in todo), 0.0, []
+    total, done, out = sum(sampling.rays * sampling.fans for _, sampling in todo), 0, []
     for reading, sampling in todo:
         key = _key(reading, sampling, curves[reading.states])
         if key not in kept:
-            part = part_of(progress, done, sampling.cost, total)
+            part = part_of(progress, done, sampling.rays * sampling.fans, total)
             kept[key] = asdict(_outcome(reading, sampling, curves[reading.states], part))
             if file is not None:
                 with writing(file):
                     write_whole(file, json.dumps({"version": program_version(), "outcomes": kept}))
         out.append(_read(kept[key]))
-        done += sampling.cost
+        done += sampling.rays * sampling.fans
     return out
 
 
 def _outcome(reading: PaperReading, sampling: Sampling, curves: FloatArray, progress: Progress | None) -> Outcome:
     designs = _designs(reading)
-    light = replace(sampling.light, emission=reading.emission)
-    request = SweepRequest(designs, Waveguide(thickness_mm=reading.thickness_mm), light, curves, sampling.by)
+    light = replace(Light().with_rays(sampling.rays), emission=reading.emission, order=reading.order)
+    request = SweepRequest(designs, Waveguide(thickness_mm=reading.thickness_mm), light, curves)
     result = run_sweep(request, progress=part_of(progress, 0, 1, sampling.fans))
     turned = compare_fans(result, sampling.fans, progress=part_of(progress, 1, sampling.fans - 1, sampling.fans))
     return _compared(reading, sampling, turned, result)
@@ -229,20 +209,16 @@ class Influence:
     # axis, value: the choice that differs from the default reading's
     axis: str
     value: str
-    by: By
     correlation: float  # Spearman's, of P over the designs that both have, against the default reading
 
 
 def influences(outcomes: Sequence[Outcome]) -> list[Influence]:
     """Return how far each single change of the default reading changes the ranking, the most first."""
-    first, out = outcomes[0].reading, []
-    finer = [o for o in outcomes if o.sampling.rays != PAPER_RAYS]
-    default = {o.sampling.by: o for o in finer if o.reading == first}
-    for outcome in finer:
-        changed = [axis for axis in AXES if getattr(outcome.reading, axis) != getattr(first, axis)]
-        if len(changed) == 1:
-            found = _correlation(default[outcome.sampling.by], outcome)
-            out.append(Influence(changed[0], str(getattr(outcome.reading, changed[0])), outcome.sampling.by, found))
+    default, *others = (o for o in outcomes if o.sampling.rays != PAPER_RAYS)
+    out = []
+    for outcome in others:
+        axis = next(axis for axis in AXES if getattr(outcome.reading, axis) != getattr(default.reading, axis))
+        out.append(Influence(axis, str(getattr(outcome.reading, axis)), _correlation(default, outcome)))
     return sorted(out, key=lambda influence: influence.correlation)
 
 
@@ -296,7 +272,7 @@ def readings_text(outcomes: Sequence[Outcome]) -> str:
                 f"ranks {min(ranks)} to {max(ranks)}, median {np.median(ranks):.0f}"
             )
     lines.append("change of the default reading, and Spearman's correlation of P with it (1 changes no rank):")
-    lines += [f"  {i.axis} {i.value}, by {i.by}: {i.correlation:.2f}" for i in influences(outcomes)]
+    lines += [f"  {i.axis} {i.value}: {i.correlation:.2f}" for i in influences(outcomes)]
     lines.append("information that would decide, by what changes the ranking most:")
     lines += [f"  {sentence}" for sentence in readings_json(outcomes)["decided_by"].values()]
     return "\n".join(lines)
@@ -305,10 +281,10 @@ def readings_text(outcomes: Sequence[Outcome]) -> str:
 def readings_table(outcomes: Sequence[Outcome]) -> str:
     """Return all outcomes as a Markdown table."""
     head = (
-        "| cavities | thickness | states | emission | rays | all | as many cavities | own map | best | its P over the "
-        "paper's = Delta x n_sign x RMSE |"
+        "| cavities | thickness | states | emission | order | rays | all | as many cavities | own map | best | its P "
+        "over the paper's = Delta x n_sign x RMSE |"
     )
-    return "\n".join([head, "|" + "--|" * 10, *map(_row, outcomes)]) + "\n"
+    return "\n".join([head, "|" + "--|" * 11, *map(_row, outcomes)]) + "\n"
 
 
 def _row(o: Outcome) -> str:
@@ -319,10 +295,10 @@ def _row(o: Outcome) -> str:
     n, *lengths = o.best.values
     ratio = f"{o.best_p / o.paper_p:.1f} = {' x '.join(f'{part:.2f}' for part in o.factors.values())}"
     r, best = o.reading, ", ".join([f"{n:.0f}", *(f"{mm:g}" for mm in lengths)])
-    reading = f"{r.face} | {r.thickness_mm:g} mm | {r.states} | {r.emission}"
+    reading = f"{r.face} | {r.thickness_mm:g} mm | {r.states} | {r.emission} | {r.order}"
     return f"| {reading} | {_sampled(o.sampling)} | {' | '.join(ranks)} | {best} | {ratio} |"
 
 
 def _sampled(sampling: Sampling) -> str:
     turns = f", {sampling.fans} turns" if sampling.fans > 1 else ""
-    return f"{sampling.rays} {'counted' if sampling.by == 'count' else 'by power'}{turns}"
+    return f"{sampling.rays} rays{turns}"

@@ -87,7 +87,7 @@ def hysteresis_rows(found: Analysis) -> list[PaperRow]:
     rows = []
     for number, (sensor, paper) in enumerate(zip(found.sensors, SENSORS, strict=True), 1):
         figure = sensor.figures["system_hysteresis_percent_fso"]
-        name = f"sensor {number}: hysteresis, {found.loops.n_cycles} cycles"
+        name = f"sensor {number}: hysteresis over pressure, {found.loops.n_cycles} cycles"
         published = paper.system_hysteresis_percent_fso
         rows.append(PaperRow(name, "% FSO", published, figure.value, figure.low, figure.high, why))
     return rows

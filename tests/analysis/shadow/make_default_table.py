@@ -1,6 +1,6 @@
 """Make the table of the default actuator: `python -m tests.analysis.shadow.make_default_table`.
 
-It takes about ten seconds. `test_table.py` compares a part of it with new solutions.
+It takes about twenty seconds of processor time. `test_table.py` compares a part of it with new solutions.
 """
 
 from __future__ import annotations

@@ -26,10 +26,10 @@ def test_optics_ranks_the_papers_design_in_each_reading(tmp_path: Path, monkeypa
     monkeypatch.setattr(interpretations, "reproduce", partial(interpretations.reproduce, fans=1, rays=260))
     out = call("reproduce", "optics", "--out", str(tmp_path))
     assert isinstance(out["readings"], list)
-    assert len(out["readings"]) == 6 + 2 * 4
+    assert len(out["readings"]) == 2 * 6
     assert {"face", "thickness_mm", "states", "emission", "ranks", "factors", "best"} <= set(out["readings"][0])
     assert {each["states"] for each in out["readings"]} == {"-40 to +50 kPa", "-50 to +50 kPa", "formula"}
-    assert set(out["decided_by"]) == {"states", "emission"}  # type: ignore[call-overload]
+    assert set(out["decided_by"]) == {"states", "emission", "order"}  # type: ignore[call-overload]
     assert {path.name for path in tmp_path.iterdir()} == {"optics.json", "optics.md"}
 
 

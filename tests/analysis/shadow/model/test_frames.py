@@ -79,7 +79,7 @@ def test_triangles_cover_the_elements(shadow: Shadow) -> None:
     a, b, c = (nodes[cut[:, i]] for i in range(3))
     areas = ((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) / 2
     assert (areas > 0).all()
-    mean_radius = (4.277 + 7.5) / 2
+    mean_radius = (4.3165 + 7.5) / 2
     assert areas.sum() == pytest.approx(75 * (25 - mean_radius), rel=2e-3)
 
 

@@ -12,7 +12,7 @@ from analysis.optics.scene.parameters import PAPER_OPTIMUM, Design, Light
 from analysis.optics.sweep.fans import turned
 from analysis.optics.sweep.sweep import SweepRequest, run_sweep
 from analysis.studies.paper import interpretations
-from analysis.studies.paper.interpretations import AXES, influences, one_change, plan, readings_json, reproduce
+from analysis.studies.paper.interpretations import AXES, influences, plan, readings_json, reproduce
 from protocol.base.errors import FileError, RequestError
 
 CURVES = {"solved": default_curves(), "the same": default_curves(), "formula": parametric_curves()}
@@ -27,17 +27,14 @@ def few(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(interpretations, "THICKNESSES_MM", (2.0,))
 
 
-def test_every_combination_is_swept_and_single_changes_converged() -> None:
-    """48 readings; the default one and seven with one change have turns, and more rays by count and by power."""
+def test_each_single_change_is_swept_as_in_the_paper_and_with_more_rays() -> None:
+    """The default reading and nine with one change, with turns of the fan and 250 rays, and then with more rays."""
     todo = plan(["a", "b", "c"], 3, 1_000)
-    assert len({reading for reading, _ in todo}) == 48
-    finer = one_change([reading for reading, _ in todo[:48]])
-    assert [r for r, _ in todo[48:]] == [*finer, *finer]
-    assert finer[0] == todo[0][0]
-    assert all(sum(getattr(r, axis) != getattr(finer[0], axis) for axis in AXES) == 1 for r in finer[1:])
-    assert len(finer) == 8
-    assert [sampling.by for _, sampling in todo[48:]] == ["count"] * 8 + ["power"] * 8
-    assert [s.fans for r, s in todo[:48]] == [3 if r in finer else 1 for r, _ in todo[:48]]
+    found = [reading for reading, _ in todo[:10]]
+    assert len(set(found)) == 10
+    assert [reading for reading, _ in todo[10:]] == found
+    assert all(sum(getattr(r, axis) != getattr(found[0], axis) for axis in AXES) == 1 for r in found[1:])
+    assert [(s.rays, s.fans) for _, s in todo] == [(250, 3)] * 10 + [(1_000, 1)] * 10
     with pytest.raises(RequestError, match="turns of the fan"):
         reproduce(CURVES, fans=0)
 
@@ -55,12 +52,12 @@ def test_ranks_are_those_of_the_sweep_and_factors_multiply_to_the_ratio() -> Non
         assert np.prod(list(outcome.factors.values())) == pytest.approx(outcome.best_p / outcome.paper_p)
         assert outcome.won("all") == np.mean(np.array(outcome.ranks["all"]) == 1)
     same = [i.correlation for i in influences(found) if i.value == "the same"]
-    assert same == pytest.approx([1.0, 1.0])
+    assert same == pytest.approx([1.0])
     content = readings_json(found)
     assert len(content["readings"]) == len(found)
     assert next(iter(content["decided_by"])) == influences(found)[0].axis
     text = interpretations.readings_text(found)
-    assert "250 counted, 2 turns, 4 readings" in text
+    assert "250 rays, 2 turns, 6 readings" in text
     assert interpretations.readings_table(found).count("\n") == 2 + len(found)
 
 

@@ -16,7 +16,7 @@ from analysis.studies.paper.reproduction import TABLE, PaperDrawing, PaperPart, 
 
 def test_the_page_has_a_line_a_row_and_its_drawings(tmp_path):
     states = GuideStates(default_curves(), np.zeros(15), np.linspace(*RANGE_MM, 15), "stored")
-    rows = shadow_rows(states, -44.8, 400.0, 2e4)
+    rows = shadow_rows(states, -43.3, 400.0, 2e4)
     drawn = PaperDrawing("2B", "shapes of the guides", "states", partial(draw_states, states.curves_mm))
     content = write_reproduction([PaperPart(rows[:3], [drawn]), PaperPart(rows[3:], [])], tmp_path)
     text, path = (tmp_path / TABLE).read_text(encoding="utf-8"), tmp_path / "states.png"

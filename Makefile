@@ -4,6 +4,9 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 # Tests wait for boards in real time for a third of it: three at once keep two cores busy.
 JOBS   ?= 3
+INSTALL = $(BIN)/python -m pip install -q --disable-pip-version-check
+# uv installs in a third of pip's time; pip where uv reaches no index, as behind a mirror that only pip is told of.
+QUICKLY = sh -c '$(BIN)/uv pip install -q --python $(BIN)/python "$$@" || $(INSTALL) --no-compile "$$@"' --
 DAILY   = QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest -m "not nightly"
 CORE    = tests/protocol tests/boat_daq/engine/control tests/analysis/calibration
 OUT    ?= out/demo
@@ -43,13 +46,12 @@ quick: setup-test  ## half a minute: linters of what is not committed, types, th
 	@$(DAILY) -q -n 2 $(CORE)
 
 test: setup-test  ## five minutes: set up, then the daily tests, linters, types, import directions and documentation
-	@$(MAKE) --no-print-directory -j 2 compiled collected
-	@$(MAKE) --no-print-directory -j 2 daily checked
+	@$(MAKE) --no-print-directory -j 3 daily checked
 
-daily: setup-test  # what failed is run again, alone
+daily: compiled collected  # what failed is run again, alone
 	@$(DAILY) -n $(JOBS) --dist worksteal; $(BIN)/python -m tests.repeat_failed $$?
 
-checked: setup-test  # beside the tests, on what their waiting leaves of the processor
+checked: setup-test  # beside the tests, on what their waiting leaves of the processors
 	@nice $(MAKE) --no-print-directory check pages
 
 check: setup-test
@@ -81,11 +83,11 @@ bench: setup-test  ## print every benchmark's figure and ratio
 	BOAT_BENCH=1 QT_QPA_PLATFORM=offscreen $(BIN)/python -m pytest tests/benchmarks -s -q --timeout 1200
 
 fuzz: setup-test  ## coverage-guided fuzzing of every decoder (Linux); SECONDS=3600 for an hour
-	$(BIN)/python -m pip install -q --disable-pip-version-check --group fuzz
+	$(INSTALL) --group fuzz
 	$(BIN)/python -m tests.faults.fuzz $(SECONDS)
 
 mutation: setup-test  ## small faults in the modules that others rest on: which does no test notice? (Linux, an hour)
-	$(BIN)/python -m pip install -q --disable-pip-version-check --group mutation
+	$(INSTALL) --group mutation
 	QT_QPA_PLATFORM=offscreen $(BIN)/python -m tests.mutation.mutate
 
 pages: setup-test  # the documentation read and its links resolved; warnings are errors
@@ -102,7 +104,7 @@ faults: setup-test  ## write the table of faults to out/FAULTS.md from the tests
 	$(BIN)/python -m tests.faults.table
 
 audit: setup     ## known weaknesses of the installed packages (asks an advisory service on the network)
-	$(BIN)/python -m pip install -q --disable-pip-version-check --group audit
+	$(INSTALL) --group audit
 	$(BIN)/python -m tests.faults.audit
 
 # What a user gets, in an environment of its own, and beside it the tools that look at it.
@@ -132,8 +134,7 @@ sbom: delivered  ## what is delivered with the program, as CycloneDX, in out/sbo
 	sed "s/^dynamic = .*/version = \"$$($(DELIVERED)/bin/boat-daq --version | cut -d' ' -f2)\"/" pyproject.toml > out/pyproject.toml
 	$(TOOLS)/bin/cyclonedx-py environment --pyproject out/pyproject.toml --output-reproducible --of JSON -o out/sbom.cdx.json $(DELIVERED)/bin/python
 
-lock:            ## write uv.lock again: the exact versions that the tests are known to pass with
-	$(BIN)/python -m pip install -q --disable-pip-version-check uv
+lock: setup      ## write uv.lock again: the exact versions that the tests are known to pass with
 	$(BIN)/uv lock
 
 setup: $(VENV)/.installed
@@ -163,16 +164,16 @@ $(BIN)/python:
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if (3, 11) <= v < (3, 15) else "Python 3.11 to 3.14 is needed; this is %d.%d. Try: make PYTHON=python3.12" % v)'
 	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || { $(call debian_install,python3-venv); }
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install -q --disable-pip-version-check --upgrade "pip>=25.1"
+	$(INSTALL) --upgrade "pip>=25.1" uv
 
 # Not compiled: of a thousand modules Python compiles the few that are imported, at their first import.
 $(VENV)/.installed: pyproject.toml | system $(BIN)/python
-	$(BIN)/python -m pip install -q --disable-pip-version-check --no-compile --editable .
+	$(QUICKLY) --editable .
 	$(BIN)/boat-daq setup
 	@touch $@
 
 $(VENV)/.installed-test: pyproject.toml | system-test $(BIN)/python
-	$(BIN)/python -m pip install -q --disable-pip-version-check --no-compile --editable ".[all]" --group dev
+	$(QUICKLY) --editable ".[all]" --group dev
 	@touch $@ $(VENV)/.installed
 
 clean:           ## remove what the two commands made

@@ -23,12 +23,12 @@ def test_every_example_is_described() -> None:
 
 @pytest.mark.parametrize("example", RECORDINGS, ids=lambda file: file.stem)
 def test_an_example_does_what_the_readme_says(example: Path, tmp_path: Path) -> None:
-    """Its stored result is derived again, number by number; analysis and report of a copy succeed."""
+    """Analysis and report of a copy succeed; its stored results, one from elsewhere, are derived again by number."""
     run = Path(shutil.copy(example, tmp_path))
-    assert call("info", run)["simulated"]
-    verdict = call("verify", run)
-    assert (verdict["identical"], verdict["difference"]) == (True, "")
-    assert verdict["results"] == call("info", run)["results"] >= 1
+    stored = call("info", run)
+    assert stored["simulated"]
     assert call("analyze", run, "--no-mcmc")["sensors"][0]["calibration"] is not None
     assert call("report", run, "--no-mcmc", "--no-shadow", "--out", tmp_path / "report.html")["verdict"]
-    assert call("verify", run)["identical"]
+    verdict = call("verify", run)
+    assert (verdict["identical"], verdict["difference"]) == (True, "")
+    assert verdict["results"] == stored["results"] + 1 >= 2

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.boat_daq.commands.calls import call
+from tests.conftest import mostly_at_night
 
 # |measured - truth|, by the end of the figure's name
 BOUNDS = {
@@ -40,13 +41,13 @@ def check_against_truth(content: dict[str, Any]) -> None:
     assert sum(name.partition(" ")[2] in (*BOUNDS, "sensitivity", "R²") for name in rows) == 13
 
 
-@pytest.mark.parametrize("fidelity", ["draft", pytest.param("normal", marks=pytest.mark.nightly)])
-def test_demo_agrees_with_the_truth_and_writes_reports(fidelity: str, tmp_path: Path) -> None:
-    """One seed: no sample lost, five cycles, every figure within its bound, reports marked SIMULATED."""
-    content = demo(tmp_path, "--seed", "11", "--fidelity", fidelity)
+@pytest.mark.parametrize(("fidelity", "cycles"), mostly_at_night(("draft", 3), ("normal", 5)))
+def test_demo_agrees_with_the_truth_and_writes_reports(fidelity: str, cycles: int, tmp_path: Path) -> None:
+    """One seed: no sample lost, every cycle, every figure within its bound, reports marked SIMULATED."""
+    content = demo(tmp_path, "--seed", "11", "--fidelity", fidelity, "--cycles", str(cycles))
     assert content["simulated"] is True
     assert content["lost_samples"] == 0
-    assert content["cycles"] == {"complete": 5, "partial": 0, "with_gap": 0}
+    assert content["cycles"] == {"complete": cycles, "partial": 0, "with_gap": 0}
     check_against_truth(content)
     assert all(sensor["posterior"]["converged"] for sensor in content["sensors"])
     assert content["truth"]["sensors"][0]["snr_db"] == pytest.approx(44.7, abs=0.1)

@@ -64,6 +64,11 @@ class WriteAheadLog:
         last = bad[-1] if len(bad) else -1
         return next((int(end) + 1 for end in ends if end > last), len(self.frames)) if len(bad) else 0
 
+    @property
+    def page_size(self) -> int:
+        """Bytes of a page."""
+        return int(self.frames.shape[1]) - _FRAME_BYTES
+
     def image(self, frame: int) -> bytes:
         """Return the page in a frame."""
         return self.frames[frame, _FRAME_BYTES:].tobytes()
@@ -195,9 +200,7 @@ def open_alone(database: Path) -> sqlite3.Connection:
 
 def _is_anothers(database: Path, log: WriteAheadLog) -> bool:
     """Return whether a log is another recording's: by its name, its chunks, or pages that would have to be in it."""
-    content: NDArray[np.uint8] = np.memmap(database, np.uint8, "r")
-    size = log.frames.shape[1] - _FRAME_BYTES
-    pages = content[: len(content) // size * size].reshape(-1, size)
+    pages = pages_of(database, log.page_size)
     newest = log.newest(pages)
     images = {page: log.image(frame) for page, frame in newest.items()}
     unproven = (log.image(int(frame)) for frame in np.flatnonzero(log.unproven))
@@ -301,6 +304,12 @@ def end_may_be_missing(database: Path) -> bool:
     if checked.state is LogState.FOREIGN:
         raise damaged(database, f"was not closed: {checked.fault(database.name)}")
     return (log is not None and bool(log.damage)) or checked.end_known is False
+
+
+def pages_of(database: Path, size: int) -> NDArray[np.uint8]:
+    """Return the whole pages of a database, a row each."""
+    content: NDArray[np.uint8] = np.memmap(database, np.uint8, "r")
+    return content[: len(content) // size * size].reshape(-1, size)
 
 
 def page_size_of(database: Path) -> int:

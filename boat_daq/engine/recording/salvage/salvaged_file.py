@@ -19,7 +19,6 @@ from typing import Any
 from zlib import crc32
 
 import numpy as np
-from numpy.typing import NDArray
 
 from boat_daq.engine.recording.file import RecordingFile, Statement, set_meta, storage_error
 from boat_daq.engine.recording.salvage.derive_again import derive_missing
@@ -28,7 +27,7 @@ from protocol.recording import schema
 from protocol.recording.checks import DAMAGE, bytes_of, harden, refuse_active, value_fits
 from protocol.recording.missing import Missing
 from protocol.recording.page_rows import Row, rows_of_page
-from protocol.recording.write_ahead_log import WriteAheadLog, page_size_of
+from protocol.recording.write_ahead_log import WriteAheadLog, page_size_of, pages_of
 
 Progress = Callable[[float, float], None]
 _ROWS = 1_000  # of one transaction
@@ -51,10 +50,9 @@ def salvage(
     target = _free_name(path)
     copy = target.with_name(target.name + "-pages")
     try:
-        alone = log is None and not schema.needs_log(path) and not path.with_name(path.name + "-wal").exists()
-        if not alone:
+        if log is not None:
             _write_pages(path, log, copy)
-        with closing(open_damaged(path if alone else copy)) as db:
+        with closing(open_damaged(path, alone=True) if log is None else open_damaged(copy)) as db:
             meta = schema.read_session(db)
             schema.session_dtype(meta)  # refuses a file whose bytes nothing describes
             file = RecordingFile.create(target, meta)
@@ -136,17 +134,11 @@ def _reaches_end(db: sqlite3.Connection, kept: sqlite3.Connection, pages: _Pages
     return False
 
 
-def _write_pages(path: Path, log: WriteAheadLog | None, copy: Path) -> None:
+def _write_pages(path: Path, log: WriteAheadLog, copy: Path) -> None:
     """Write the database as the log completes it, without its log."""
     shutil.copyfile(path, copy)
-    if log is None:
-        with copy.open("r+b") as file:
-            file.seek(18)
-            file.write(b"\x01\x01")
-        return
-    size = log.frames.shape[1] - 24
-    content = np.memmap(path, np.uint8, "r")
-    database = content[: len(content) // size * size].reshape(-1, size)
+    size = log.page_size
+    database = pages_of(path, size)
     with copy.open("r+b") as file:
         for page, frame in log.newest(database).items():
             file.seek((page - 1) * size)
@@ -174,9 +166,7 @@ class _Pages:
 
     def __init__(self, path: Path, log: WriteAheadLog | None) -> None:
         self._log = log
-        size = page_size_of(path) if log is None else log.frames.shape[1] - 24
-        content = np.memmap(path, np.uint8, "r")
-        self._database: NDArray[np.uint8] = content[: len(content) // size * size].reshape(-1, size)
+        self._database = pages_of(path, page_size_of(path) if log is None else log.page_size)
         self._budget = 8 * bytes_of(path) + _BYTES  # of long rows: in a forged file many share their pages
         self._newest: dict[int, int] = {}
         self._doubtful: dict[int, int] = {}
@@ -320,9 +310,13 @@ def fault_of(table: str, row: Row, dtype: np.dtype[np.void], *, strict: bool = F
     )
 
 
-def open_damaged(path: Path) -> sqlite3.Connection:
-    """Open read-only what SQLite would refuse. With this pragma it reads a file that is shorter than it should be."""
-    connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, isolation_level=None)
+def open_damaged(path: Path, *, alone: bool = False) -> sqlite3.Connection:
+    """Open read-only what SQLite would refuse, `alone` without its log.
+
+    With `writable_schema` SQLite reads a file that is shorter than it should be.
+    """
+    uri = f"{path.absolute().as_uri()}?mode=ro{'&immutable=1' if alone else ''}"
+    connection = sqlite3.connect(uri, uri=True, isolation_level=None)
     harden(connection, damaged=True)
     for pragma in ("query_only=ON", "writable_schema=ON"):
         connection.execute(f"PRAGMA {pragma}")

@@ -46,6 +46,7 @@ def test_pdf_has_numbered_pages_the_xml_and_an_empty_place_for_a_signature(
     assert "Lab & Söhne" in whole
     assert re.search(r"Authorised by _+ _+ _+", whole)
     assert "not traceable: not assessed: pressure gauge, temperature" in whole
+    assert re.findall(r"(?:analysis|boat_daq|protocol|docs)/|\w\.(?:md|py)\b", whole + dcc_xml(certificate)) == []
 
 
 @pytest.mark.skipif(shutil.which("pdftotext") is None, reason="poppler's tools are not installed")

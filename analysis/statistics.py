@@ -92,15 +92,15 @@ def bootstrap_interval(
     return float(low), float(high)
 
 
-def limit_error(draws: FloatArray, level: float = 0.95) -> float:
-    """Return the Monte-Carlo error (k = 2) of the worst limit of equal-tailed intervals of [draws, places] in order.
+def limit_error(draws: FloatArray) -> float:
+    """Return the Monte-Carlo error (k = 2) of the worst limit of 95 % intervals of [draws, places] in order.
 
     Limits of a batch vary sqrt(batches) times as much as those of all draws, even autocorrelated, if a batch is much
     longer than their correlation. Source: J. M. Flegal, G. L. Jones, Ann. Statist. 38 (2010) 1034-1070.
     """
     length = len(draws) // BATCHES
     batches = draws[: BATCHES * length].reshape(BATCHES, length, -1)
-    limits = np.percentile(batches, [50.0 - 50.0 * level, 50.0 + 50.0 * level], axis=1)
+    limits = np.percentile(batches, [2.5, 97.5], axis=1)
     return float(2.0 * (limits.std(axis=1, ddof=1) / np.sqrt(BATCHES)).max())
 
 

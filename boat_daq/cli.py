@@ -52,7 +52,7 @@ _GROUPS = {  # in the order of --help: place of the command in `commands/`, a fu
         "recordings.recover": "Close what a killed session left",
         "recordings.upgrade": "Convert a recording of an older version",
         "metadata": "Show or change who, what and where of a recording",
-        "examples": "Copy the example recordings and a notebook",
+        "setup.examples": "Copy the example recordings and a notebook",
     },
     "models": {
         "optics": "Trace rays; sweep and optimise designs",
@@ -70,7 +70,7 @@ _GROUPS = {  # in the order of --help: place of the command in `commands/`, a fu
         "board.profile": "Propose a text profile for other firmware",
         "setup": "Compile ahead; install shell completion",
         "qualify": "Run the fault drills on this computer",
-        "bugreport": "Pack log, settings and versions into one file",
+        "setup.bugreport": "Pack log, settings and versions into one file",
     },
 }
 _FIRST = ("demo", "ports", "record", "analyze", "report")
@@ -157,7 +157,7 @@ class Root(TyperGroup):
                 typer.echo(ctx.get_help())
                 raise typer.Exit
             if args == ["tutorial", "--help"]:
-                from boat_daq.commands.examples import show_tutorial
+                from boat_daq.commands.setup import show_tutorial
 
                 show_tutorial()
                 raise typer.Exit

@@ -23,7 +23,7 @@ from typer.testing import CliRunner
 
 import boat_daq
 from boat_daq.cli import app
-from boat_daq.commands import examples
+from boat_daq.commands import setup as examples
 from boat_daq.engine import installation
 from protocol.base.errors import RequestError
 from protocol.base.optional import EXTRAS

@@ -22,7 +22,7 @@ POSIX_NAMES = {  # attributes of os, signal, socket and select that Windows lack
 }  # fmt: skip
 POSIX_PATHS = ("/dev/", "/proc/", "/tmp", "/etc/", "/usr/", "/var/")
 GUARDED = {  # each module that uses one, and what it does on Windows
-    "analysis/machine.py": "states nothing of the processor's load and its cores as Python counts them",
+    "analysis/studies/harness.py": "states nothing of the processor's load and its cores as Python counts them",
     "boat_daq/cli.py": "keeps its output",
     "boat_daq/commands/usage.py": "names that mean `-`; no file has them there",
     "boat_daq/engine/bug_report.py": "a pattern of ports that hold no name",

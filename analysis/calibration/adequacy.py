@@ -33,7 +33,7 @@ from analysis.calibration.monotone_spline import MonotoneSplineBasis
 from analysis.json_object import json_object
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError
-from protocol.base.uncertainty import COVERAGE_FACTOR
+from protocol.base.units import COVERAGE_FACTOR
 
 DOUBTFUL, INADEQUATE = 0.01, 0.001  # chances of such a lack of fit for the right curve
 NOTICED_PERCENT = 0.25  # of full scale: a smaller remainder leaves a curve doubtful, however certain it is

@@ -15,7 +15,7 @@ import numpy as np
 
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError, RequestError
-from protocol.base.uncertainty import COVERAGE_FACTOR
+from protocol.base.units import COVERAGE_FACTOR
 
 if TYPE_CHECKING:  # the window imports this module, and none of the fit's libraries
     from analysis.calibration.fit import Calibration

@@ -219,11 +219,11 @@ class Calibration:
         """Return by how much an x that is read from the curve is known to miss."""
         return np.zeros(np.shape(x)) if self.adequacy is None else self.adequacy.deviation_in_x(x)
 
-    def expanded_u(self, x: npt.ArrayLike, factor: float = 2.0) -> FloatArray:
-        """Return U of y(x), `factor` standard uncertainties and what the curve is known to miss."""
+    def expanded_u(self, x: npt.ArrayLike) -> FloatArray:
+        """Return U (k = 2) of y(x), with what the curve is known to miss."""
         if self.adequacy is None:
-            return factor * self.curve_u(x)
-        return expanded(self.adequacy.deviation(x), self.adequacy.average_u(x), factor)
+            return 2.0 * self.curve_u(x)
+        return expanded(self.adequacy.deviation(x), self.adequacy.average_u(x), 2.0)
 
     def curve_parts(self, x: npt.ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Return u of y(x) by the scatter of the signals, and by the reading of x: together `curve_u` of a joint fit.

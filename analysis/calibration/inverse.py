@@ -22,7 +22,7 @@ from analysis.calibration.fit import Calibration
 from analysis.calibration.type_b import TypeBContribution, reference_terms
 from protocol.base.arrays import BoolArray, FloatArray
 from protocol.base.errors import DataError, RequestError
-from protocol.base.uncertainty import COVERAGE_FACTOR
+from protocol.base.units import COVERAGE_FACTOR
 
 NODES = 257
 U_NODES = 129

@@ -88,11 +88,9 @@ class Posterior:
         """Return the equal-tailed credible band of the curve."""
         return _equal_tails(self.curves(x), level)
 
-    def new_reading_band(
-        self, x: npt.ArrayLike, level: float = 0.95, *, seed: int = 0
-    ) -> tuple[FloatArray, FloatArray]:
+    def new_reading_band(self, x: npt.ArrayLike, level: float = 0.95) -> tuple[FloatArray, FloatArray]:
         """Return the lower and upper limit of the predictive band of one new signal at known x, [points]."""
-        noise = np.random.default_rng(seed).standard_normal((self.sigma_samples.size, 1))
+        noise = np.random.default_rng(0).standard_normal((self.sigma_samples.size, 1))
         return _equal_tails(self.curves(x) + self.sigma_samples[:, None] * noise, level)
 
     def band_error(self) -> float:

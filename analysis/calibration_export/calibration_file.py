@@ -24,7 +24,7 @@ from analysis.warning import Warning
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import BoatDaqError, DataError, FileError
 from protocol.base.regular_file import read_regular
-from protocol.base.uncertainty import COVERAGE_FACTOR
+from protocol.base.units import COVERAGE_FACTOR
 
 if TYPE_CHECKING:
     from analysis.figures.pipeline import Analysis

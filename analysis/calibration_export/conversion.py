@@ -18,8 +18,7 @@ from analysis.data.export import ConvertedElongation
 from analysis.data.recording import Recording
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError, RequestError
-from protocol.base.uncertainty import COVERAGE_FACTOR
-from protocol.base.units import in_a_name
+from protocol.base.units import COVERAGE_FACTOR, in_a_name
 from protocol.recording import NOT_FOR_FIGURES, SampleFlag
 
 if TYPE_CHECKING:

@@ -6,13 +6,41 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from analysis.calibration_export.c_header import c_header
+from analysis.calibration.inverse import BEYOND_SIGMA, DISAGREEMENT_SIGMA
+from analysis.calibration_export.c_header import c_header, comment_text, template_of
 from analysis.calibration_export.calibration_file import CalibrationFile
-from analysis.calibration_export.matlab import matlab_function
 from analysis.calibration_export.signal_table import USUAL_ERROR_MM, table_csv
 from protocol.base.errors import writing
 from protocol.base.units import in_a_name, in_signal_unit
 from protocol.base.whole_file import write_whole
+
+FUNCTION = "boat_elongation"
+
+
+def matlab_function(calibration: CalibrationFile) -> str:
+    """Return the function's text, for a file `boat_elongation.m`. DataError: the calibration gives no elongation."""
+    fusion = calibration.reader()
+    template = template_of(f"{FUNCTION}.m.j2")
+    return str(
+        template.render(
+            comment=[comment_text(line) for line in (calibration.title, *calibration.remarks)],
+            sensors=[
+                {
+                    "number": number, "range_mm": inverse.x_range, "half_division_mm": inverse.half_division_mm,
+                    "slopes": inverse.end_slopes, "starts": inverse.starts, "powers": inverse.powers.tolist(),
+                    "nodes_mv": inverse.nodes, "noise_mm": inverse.noise_mm, "shared_mm": inverse.shared_mm,
+                }
+                for number, inverse in enumerate(fusion.inverses)
+            ],
+            correlation=fusion.correlation.tolist(),
+            left_out=[number + 1 for number, used in enumerate(fusion.used) if not used],
+            u_known=not fusion.u_void,
+            reference=fusion.inverses[0].reference,
+            beyond=BEYOND_SIGMA,
+            disagreement=DISAGREEMENT_SIGMA,
+        )
+    )  # fmt: skip
+
 
 FORMS: Mapping[str, str] = {"json": ".json", "c": ".h", "matlab": ".m", "csv": ".csv"}
 """Form -> suffix of its file."""

@@ -12,7 +12,7 @@ from analysis.calibration_export.calibration_file import CalibrationFile
 from analysis.numbers import rounded_up
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import RequestError
-from protocol.base.uncertainty import COVERAGE_FACTOR
+from protocol.base.units import COVERAGE_FACTOR
 
 _FEWEST, _MOST = 5, 4097
 _BETWEEN = 8  # signals between two nodes at which the error is computed

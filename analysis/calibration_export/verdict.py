@@ -25,8 +25,7 @@ from analysis.figures.reading_check import CheckedReading
 from analysis.json_object import json_object
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import BoatDaqError
-from protocol.base.uncertainty import COVERAGE_FACTOR
-from protocol.base.units import Quantity, UnitText
+from protocol.base.units import COVERAGE_FACTOR, Quantity, UnitText
 
 _POINTS = 101
 _MOST_OF_U = 0.8  # a movement that makes nearly all of U

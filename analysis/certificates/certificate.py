@@ -41,7 +41,7 @@ from analysis.json_object import json_object
 from analysis.numbers import finite
 from analysis.version import program_version
 from protocol.base.errors import BoatDaqError, DataError, RequestError
-from protocol.base.uncertainty import COVERAGE_FACTOR
+from protocol.base.units import COVERAGE_FACTOR
 from protocol.recording import Metadata
 
 SIMULATED = "SIMULATED"

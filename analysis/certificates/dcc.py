@@ -41,8 +41,7 @@ from analysis.numbers import decimals_for
 from analysis.version import program_version
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import RequestError
-from protocol.base.uncertainty import COVERAGE_FACTOR
-from protocol.base.units import find_unit, in_signal_unit
+from protocol.base.units import COVERAGE_FACTOR, find_unit, in_signal_unit
 
 _SCHEMA_VERSION = "3.2.1"
 DCC, _SI, XSI = "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance"

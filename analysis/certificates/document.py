@@ -46,8 +46,7 @@ from analysis.reports.document import (
 from analysis.reports.pdf import render_pages, write_pdf
 from analysis.reports.shown_units import in_units
 from protocol.base.errors import RequestError, writing
-from protocol.base.uncertainty import COVERAGE_FACTOR
-from protocol.base.units import NOTHING, STORED_UNITS
+from protocol.base.units import COVERAGE_FACTOR, NOTHING, STORED_UNITS
 from protocol.base.whole_file import write_whole
 
 _CURVE_POINTS = 101

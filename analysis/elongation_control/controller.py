@@ -80,9 +80,9 @@ class Tuning:
         )  # fmt: skip
 
     @classmethod
-    def cautious(cls, ramp_kpa_per_s: float = 10.0) -> Tuning:
+    def cautious(cls) -> Tuning:
         """Return slow gains for a unit without a step test."""
-        return cls(0.5, 0.0, 0.0, 2.0, ramp_kpa_per_s, loop_margins(Lag(0.1, 5.0, 1.0), 0.5, PERIOD_S))
+        return cls(0.5, 0.0, 0.0, 2.0, 10.0, loop_margins(Lag(0.1, 5.0, 1.0), 0.5, PERIOD_S))
 
 
 @dataclass(frozen=True, slots=True)

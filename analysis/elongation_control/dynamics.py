@@ -23,7 +23,7 @@ from scipy.stats import t as student
 from analysis.elongation_control.dynamic_figures import BodePoint, DynamicFigure, StepFigures
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError
-from protocol.base.uncertainty import COVERAGE_FACTOR
+from protocol.base.units import COVERAGE_FACTOR
 
 STEP_S = 0.01  # of the integration of a response
 _LEAST_R2 = 0.9
@@ -99,10 +99,10 @@ def fit_lag(time_s: FloatArray, command_mm: FloatArray, elongation_mm: FloatArra
     return Lag(delay, omega, damping, tuple(tuple(row) for row in covariance.tolist()))
 
 
-def loop_margins(lag: Lag, integral_per_s: float, period_s: float, delay_s: float = 0.0) -> Margins:
+def loop_margins(lag: Lag, integral_per_s: float, period_s: float) -> Margins:
     """Return the margins of an integrator around a lag."""
     omega = np.geomspace(1e-3, math.pi / period_s, 6000)
-    loop = integral_per_s / (1j * omega) * lag.response(omega) * np.exp(-1j * omega * (period_s + delay_s))
+    loop = integral_per_s / (1j * omega) * lag.response(omega) * np.exp(-1j * omega * period_s)
     size, phase = np.abs(loop), np.unwrap(np.angle(loop))
     over = np.flatnonzero((size[:-1] >= 1.0) & (size[1:] < 1.0))  # the last crossing is the one that matters
     turned = np.flatnonzero((phase[:-1] > -math.pi) & (phase[1:] <= -math.pi))
@@ -114,12 +114,12 @@ def loop_margins(lag: Lag, integral_per_s: float, period_s: float, delay_s: floa
     return Margins(gain_db, math.degrees(phase_margin), float(omega[at]) / (2 * math.pi), phase_margin / omega[at])
 
 
-def integral_for(lag: Lag, period_s: float, *, phase_deg: float = 60.0, gain_db: float = 10.0) -> float:
-    """Return the largest gain of the integrator, 1/s, that leaves both margins."""
+def integral_for(lag: Lag, period_s: float) -> float:
+    """Return the largest gain of the integrator, 1/s, that leaves 60 degrees and 10 dB."""
 
     def spare(log_gain: float) -> float:
         margins = loop_margins(lag, math.exp(log_gain), period_s)
-        return min(margins.phase_deg - phase_deg, 6.0 * (margins.gain_db - gain_db), 1e3)
+        return min(margins.phase_deg - 60.0, 6.0 * (margins.gain_db - 10.0), 1e3)
 
     low, high = math.log(1e-3), math.log(20.0)
     if spare(high) > 0:
@@ -180,13 +180,13 @@ def _edge_hz(points: Sequence[BodePoint], off: float) -> float:
     return math.nan
 
 
-def lag_figures(lag: Lag, tolerance: float = 0.02, draws: int = 200, seed: int = 0) -> StepFigures:
+def lag_figures(lag: Lag, draws: int = 200) -> StepFigures:
     """Return the figures of a model's unit step, with intervals from the covariance of its parameters."""
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(0)
     mean = np.array([lag.delay_s, lag.omega_rad_per_s, lag.damping])
     drawn = generator.multivariate_normal(mean, np.asarray(lag.covariance), size=draws, method="eigh")
-    rows = np.array([_step_values(Lag(*row), tolerance) for row in np.maximum(drawn, [0.0, 0.05, 0.02]).tolist()])
-    values = _step_values(lag, tolerance)
+    rows = np.array([_step_values(Lag(*row)) for row in np.maximum(drawn, [0.0, 0.05, 0.02]).tolist()])
+    values = _step_values(lag)
     low, high = np.percentile(rows, [2.5, 97.5], axis=0)
     return StepFigures(*(DynamicFigure(*map(float, one)) for one in zip(values, low, high, strict=True)))
 
@@ -224,7 +224,7 @@ def _recorded_values(time_s: FloatArray, share: FloatArray, tolerance: float) ->
     return first(0.632), first(0.9) - first(0.1), settled, max(0.0, 100.0 * (over - noise))
 
 
-def _step_values(lag: Lag, tolerance: float) -> tuple[float, ...]:
+def _step_values(lag: Lag) -> tuple[float, ...]:
     """Return the six values of `StepFigures`."""
     span = lag.delay_s + 12.0 * max(1.0, lag.damping) / lag.omega_rad_per_s / min(1.0, lag.damping)
     t = np.linspace(0.0, span, 1200)
@@ -237,4 +237,4 @@ def _step_values(lag: Lag, tolerance: float) -> tuple[float, ...]:
     below = np.abs(lag.response(omega)) < math.sqrt(0.5)
     edge = float(omega[int(np.argmax(below))]) / (2.0 * math.pi)
     phase = -math.degrees(np.unwrap(np.angle(lag.response(np.linspace(0.0, 0.2 * math.pi * edge, 50))))[-1])
-    return (*_recorded_values(t, np.asarray(unit), tolerance), edge, phase)
+    return (*_recorded_values(t, np.asarray(unit), 0.02), edge, phase)

@@ -14,7 +14,7 @@ import numpy as np
 from analysis.calibration.inverse import DISAGREEMENT_SIGMA, Fusion
 from analysis.elongation_control.sensor_loop import SensorLoops
 from protocol.base.arrays import FloatArray
-from protocol.base.uncertainty import COVERAGE_FACTOR
+from protocol.base.units import COVERAGE_FACTOR
 
 FROZEN_SAMPLES = 30
 ALONE_S = 0.12

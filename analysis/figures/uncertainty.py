@@ -39,7 +39,7 @@ from analysis.numbers import percent
 from analysis.segmentation.cycle_effect import CycleEffect
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import BoatDaqError, DataError
-from protocol.base.uncertainty import COVERAGE_FACTOR
+from protocol.base.units import COVERAGE_FACTOR
 
 NOT_READ = "no elongation was read"
 _CURVE_POINTS = 41

@@ -19,7 +19,7 @@ import numpy as np
 from analysis.json_object import json_object
 from analysis.numbers import with_uncertainty
 from protocol.base.arrays import FloatArray
-from protocol.base.uncertainty import COVERAGE_FACTOR
+from protocol.base.units import COVERAGE_FACTOR
 
 DAYS_PER_YEAR = 365.25
 LONGEST_RATIO = 2.0

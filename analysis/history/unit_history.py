@@ -132,7 +132,7 @@ def one_signal_unit(units: Iterable[str]) -> str:
 
 
 def calibrations_in(
-    folder: str | Path, unit: str, *, simulated: bool | None = None, seed: int = 0, progress: Progress | None = None
+    folder: str | Path, unit: str, *, simulated: bool | None = None, progress: Progress | None = None
 ) -> Calibrations:
     """Analyse the runs of a folder and keep the calibrations of one unit; raises BoatDaqError if there are none.
 
@@ -149,7 +149,7 @@ def calibrations_in(
         if progress is not None:
             progress(done, len(files))
         try:
-            analysis = analyse(path, readings_beside(path), seed=seed, mcmc=False)
+            analysis = analyse(path, readings_beside(path), mcmc=False)
         except BoatDaqError as error:
             left_out.append({"run": path.name, "reason": error.cause})
             continue
@@ -161,10 +161,7 @@ def calibrations_in(
                 left_out.append({"run": path.name, "reason": analysis.sensors[0].calibration_void})
     if simulated is None:
         simulated = bool(kept) and all(analysis.recording.simulated for analysis in kept)
-    other, reason = (
-        [a for a in kept if a.recording.simulated is not simulated],
-        "simulated" if not simulated else "real",
-    )
+    other, reason = [a for a in kept if a.recording.simulated is not simulated], "real" if simulated else "simulated"
     left_out += [{"run": Path(a.recording.source).name, "reason": f"of a {reason} board"} for a in other]
     kept = [analysis for analysis in kept if analysis.recording.simulated is simulated]
     if not kept:

@@ -204,14 +204,17 @@ def _mean_over_cycles(values: FloatArray) -> FloatArray:
     return np.asarray(np.where(known, values, 0.0).sum(axis=1) / np.where(count > 0, count, np.nan))
 
 
-def cluster_levels(pressure_kpa: FloatArray, apart_kpa: float = 2.0) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+_APART_KPA = 2.0  # between two levels
+
+
+def cluster_levels(pressure_kpa: FloatArray) -> tuple[FloatArray, npt.NDArray[np.int64]]:
     """Return the levels held, [levels] ascending medians, and the number of each plateau's level, -1 for NaN."""
     known = np.flatnonzero(np.isfinite(pressure_kpa))
     order = known[np.argsort(pressure_kpa[known], kind="stable")]
     level_of = np.full(pressure_kpa.size, -1, dtype=np.int64)
     if not order.size:
         return np.empty(0), level_of
-    level_of[order] = np.concatenate([[0], np.cumsum(np.diff(pressure_kpa[order]) > apart_kpa)])
+    level_of[order] = np.concatenate([[0], np.cumsum(np.diff(pressure_kpa[order]) > _APART_KPA)])
     count = int(level_of.max()) + 1
     return np.asarray([np.median(pressure_kpa[level_of == g]) for g in range(count)]), level_of
 

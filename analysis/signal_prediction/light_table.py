@@ -139,13 +139,10 @@ def build_light(
     shapes: GuideShapes,
     face: Face = "outer",
     *,
-    rays: int = _RAYS,
-    first: int = FIRST,
-    tolerance: float = _TOLERANCE,
     progress: Progress | None = None,
     part: Path | None = None,
 ) -> LightTable:
-    """Trace a table: first elongations, refinement, losses. `tolerance`: share of the light's range."""
+    """Trace a table: first elongations, refinement, losses."""
     kept = load_arrays(part, _PART) if part is not None else None
     known: dict[tuple[float, float], float] = {}  # by loss and elongation
     if kept is not None:
@@ -158,7 +155,7 @@ def build_light(
         todo = np.asarray([mm for mm in wanted if (loss, mm) not in known])
         for at in range(0, len(todo), _STATES):
             some = todo[at : at + _STATES]
-            traced = traced_light(shapes, some, loss, face, rays)
+            traced = traced_light(shapes, some, loss, face)
             known.update({(loss, mm): light for mm, light in zip(some.tolist(), traced.tolist(), strict=True)})
             if part is not None:
                 rows = np.asarray([(*at, light) for at, light in known.items()])
@@ -168,13 +165,13 @@ def build_light(
         return np.asarray([known[loss, mm] for mm in wanted])
 
     others = len(LOSSES_DB_PER_CM) - 1
-    x = np.linspace(*shapes.range_mm, first)
-    suspect = np.ones(first - 1, dtype=bool)
+    x = np.linspace(*shapes.range_mm, FIRST)
+    suspect = np.ones(FIRST - 1, dtype=bool)
     while True:
         light = light_at(x, more=(2 * others + 1) * len(x))
         if not suspect.any() or len(x) >= _MOST:
             break
-        off_percent = max(tolerance * float(np.ptp(light)), 100.0 * LEAST_RAYS / rays)
+        off_percent = max(_TOLERANCE * float(np.ptp(light)), 100.0 * LEAST_RAYS / _RAYS)
         middle = 0.5 * (x[:-1] + x[1:])[suspect]
         between = 0.5 * (light[:-1] + light[1:])[suspect]
         away = light_at(middle, more=(2 * others + 1) * (len(x) + len(middle))) - between

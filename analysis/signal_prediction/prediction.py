@@ -113,9 +113,9 @@ def _held_out_rms_mv(
     return float(np.sqrt(np.mean(known**2))) if len(known) else float("nan")
 
 
-def published_prediction(points: int = 60) -> tuple[SensorPrediction, ...]:
-    """Return how well the chain predicts the paper's published cubics, at so many elongations of their range."""
-    x = np.linspace(*RANGE_MM, points)
+def published_prediction() -> tuple[SensorPrediction, ...]:
+    """Return how well the chain predicts the paper's published cubics, at 60 elongations of their range."""
+    x = np.linspace(*RANGE_MM, 60)
     polyval = np.polynomial.polynomial.polyval
     curves = [np.asarray(polyval(x, sensor.coefficients), dtype=np.float64) for sensor in SENSORS]
     return predict_sensors([(x, curve) for curve in curves])
@@ -177,11 +177,9 @@ class LivePrediction:
         return disagreement(signal_mv, expected, samples, self.fusion, u_mm=self.loop_mm / 2.0 + EXPECTED_U_MM)
 
 
-def live_prediction(
-    model: HysteresisModel, fusion: Fusion, sensors: tuple[SensorPrediction, ...], nodes: int = 2049
-) -> LivePrediction:
+def live_prediction(model: HysteresisModel, fusion: Fusion, sensors: tuple[SensorPrediction, ...]) -> LivePrediction:
     """Return the table that live frames are predicted from. `model`, `fusion`, `sensors`: those of the unit."""
-    low, high = model.pressure_range_kpa
+    (low, high), nodes = model.pressure_range_kpa, 2049
     pressure = np.linspace(low, high, nodes)
     swing = model.series(np.concatenate([np.linspace(high, low, nodes), pressure]), model.rest(high, -np.inf))
     falling, rising = swing[:nodes][::-1], swing[nodes:]

@@ -31,7 +31,7 @@ from analysis.figures.uncertainty import Budget
 from analysis.segmentation.cycle_effect import CycleEffect
 from analysis.stopping.requirement import FEWEST_REPEATS
 from protocol.base.arrays import FloatArray
-from protocol.base.uncertainty import COVERAGE_FACTOR
+from protocol.base.units import COVERAGE_FACTOR
 
 FEWEST_CYCLES = 2
 _CONFIDENCE = 0.9

@@ -69,8 +69,7 @@ def atlas(
 
     Example: boat-daq atlas fit inverse --out maps
     """
-    from analysis.studies.failure_maps.maps import atlas_json, write_atlas
-    from analysis.studies.failure_maps.methods import chosen_studies
+    from analysis.studies.failure_maps.maps import atlas_json, chosen_studies, write_atlas
     from analysis.studies.failure_maps.sweep import CellOutcome, sweep_all
     from protocol.base.errors import BoatDaqError
 

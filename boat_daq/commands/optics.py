@@ -416,8 +416,7 @@ def _race(
 ) -> None:  # fmt: skip
     """Run the race of a sweep, write its files and print its result; parameters are those of the command."""
     from analysis.optics.sweep.race import RACE_MOST_RAYS, race_sweep
-    from analysis.optics.sweep.race_report import race_json, race_text
-    from analysis.optics.sweep.report import write_race
+    from analysis.optics.sweep.report import race_json, race_text, write_race
 
     with progress_bar("race") as advance:
         found = race_sweep(

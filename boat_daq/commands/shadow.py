@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from analysis.optics.sweep.signal import ChainSignal
     from analysis.optics.sweep.sweep import SweepResult
     from analysis.shadow.fem.solver import Solution
-    from analysis.shadow.model.assessment import Assessment
+    from analysis.shadow.model.full import Assessment
     from analysis.warning import Warning
     from protocol.base.arrays import FloatArray
 
@@ -78,8 +78,8 @@ def solve(
     if mesh is not None and (model == "reduced" or plot is not None):
         raise typer.BadParameter("goes with --model full and without --plot", param_hint="--mesh")
     note_unused(fidelity)
-    load("analysis.shadow.model.assessment")
-    from analysis.shadow.model.assessment import assess
+    load("analysis.shadow.model.full")
+    from analysis.shadow.model.full import assess
 
     with progress_bar("solving"):
         solved = solved_state(pressure, elongation, model, parameters, mesh)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
 
 from protocol.base.errors import RequestError
 from protocol.base.regular_file import read_regular
-from protocol.base.toml_text import read_toml
+from protocol.base.toml_file import read_toml
 from protocol.base.units import UnitText
 
 if TYPE_CHECKING:

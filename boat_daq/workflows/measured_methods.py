@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def tradeoff_methods() -> dict[str, Method]:
     """Return the methods whose time and error can be measured here, by name; the camera's needs OpenCV."""
-    from analysis.studies.tradeoff.methods import METHODS
+    from analysis.studies.tradeoff.jobs import METHODS
 
     camera = {} if importlib.util.find_spec("cv2") is None else {"tracking": camera_tracker()}
     return METHODS | camera

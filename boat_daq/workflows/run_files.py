@@ -91,7 +91,7 @@ def import_files(
     elif len(paths) == 1:
         recording = import_csv(paths[0], columns=columns, **options)
     else:
-        from analysis.tracking.second_file import place_second
+        from analysis.tracking.clock import place_second
 
         recording = import_two(paths[0], paths[1], columns=columns, place=place_second)
     recording = replace(recording, meta={**recording.meta, **stated})

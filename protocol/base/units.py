@@ -13,6 +13,9 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, Final, NamedTuple
 
+COVERAGE_FACTOR = 2.0  # about 95 % of a normal distribution
+
+
 MINUS = "\u2212"
 NOTHING = "\u2013"  # in place of a value that is not known
 

@@ -50,7 +50,7 @@ from typing import Any, get_args
 
 from protocol.base.errors import ProfileError
 from protocol.base.regular_file import read_regular
-from protocol.base.toml_text import read_toml
+from protocol.base.toml_file import read_toml
 from protocol.base.units import KPA_PER_UNIT, find_unit
 from protocol.link import messages
 from protocol.link.messages import Command

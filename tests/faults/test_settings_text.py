@@ -15,7 +15,7 @@ from boat_daq.engine.settings import UnitLibrary, load_settings
 from boat_daq.engine.toml_values import read_json
 from boat_daq.viewmodels.common.preferences import Preferences
 from protocol.base.errors import RequestError
-from protocol.base.toml_text import KEY_PARTS_MAX, read_toml
+from protocol.base.toml_file import KEY_PARTS_MAX, read_toml
 from protocol.text.profile import load_profile
 from tests.faults.decoders import REFUSALS
 from tests.faults.drill import ROOT
@@ -82,7 +82,7 @@ def test_keys_of_ordinary_length_pass() -> None:
 
 BOUNDED = """
 import resource, sys
-from protocol.base.toml_text import read_toml
+from protocol.base.toml_file import read_toml
 resource.setrlimit(resource.RLIMIT_AS, (150 << 20, 150 << 20))
 for key in (".".join(["a"] * 40_000), '"a".' * 40_000 + "a"):
     for text in (f"{key} = 1", f"[{key}]", f"x = {{{key} = 1}}"):

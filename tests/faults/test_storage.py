@@ -17,8 +17,7 @@ import pytest
 
 from boat_daq.engine.recording import file as recording_file
 from boat_daq.engine.recording.closed_run import append_reading
-from boat_daq.engine.recording.disk_space import check_space
-from boat_daq.engine.recording.file import RecordingFile
+from boat_daq.engine.recording.file import RecordingFile, check_space
 from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.verify import verify_recording

@@ -183,7 +183,6 @@ def race_sweep(
     confidence: float,
     *,
     most_rays: int = RACE_MOST_RAYS,
-    seed: int = 0,
     seconds: float = np.inf,
     folder: Path | None = None,
     scheduler: str | None = None,
@@ -194,7 +193,7 @@ def race_sweep(
 
     designs = tuple(dict.fromkeys(request.designs))
     first_rays = first_rays_of(request.by)
-    race = Race(designs, request.light, confidence, most_rays, seed, first_rays)
+    race = Race(designs, request.light, confidence, most_rays, 0, first_rays)
 
     def simulate(designs: Sequence[Design], light: Light) -> SweepResult:
         part = replace(request, designs=tuple(designs), light=light)

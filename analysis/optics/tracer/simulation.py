@@ -361,18 +361,20 @@ class RayPath:
     secondary: bool  # whether it is a reflected part
 
 
+_DRAWN = 2_000_000  # points of paths, at most
+
+
 def ray_paths(
     frame: SceneFrame,
     design: Design,
     guide: Waveguide,
     light: Light,
-    most: int = 2_000_000,
     *,
     released_rays: int | None = None,
 ) -> list[RayPath]:
     """Return the paths of the rays of a simulation, for drawing, without the last stretch of one that escapes."""
     g, rules, fan = geometry_of(frame, design), rules_of(guide, light), fan_of(light)
-    drawn, by = np.empty((most, 3)), np.empty((most, 2), dtype=np.int64)
+    drawn, by = np.empty((_DRAWN, 3)), np.empty((_DRAWN, 2), dtype=np.int64)
     tally = _empty_tally(np.zeros((light.rays, 2)), drawn, by)
     few = min(released_rays or light.rays, light.rays)
     budget = light.secondary if light.secondary == ALL else round(light.secondary * few / light.rays)

@@ -21,7 +21,7 @@ from analysis.optics.tracer.simulation import TraceResult, sd_of_sum, trace
 from analysis.progress import Progress
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import ChoiceError, RequestError
-from protocol.base.uncertainty import COVERAGE_FACTOR
+from protocol.base.units import COVERAGE_FACTOR
 
 """Standard deviations of a stated error: about 95 %."""
 PILOT_RAYS, FEWEST_RAYS = 100, 50

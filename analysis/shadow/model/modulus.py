@@ -157,11 +157,11 @@ def loading_branch(test: CompressionTest) -> tuple[FloatArray, FloatArray, float
     return strain, 1e3 * force / test.area_mm2, float(strain[touched])
 
 
-def effective_modulus(tests: Sequence[CompressionTest], window: tuple[float, float] = (0.02, 0.10)) -> EffectiveModulus:
+def effective_modulus(tests: Sequence[CompressionTest]) -> EffectiveModulus:
     """Return the modulus over specimens. Raises RequestError if no test is given."""
     if not tests:
         raise RequestError("no compression test is given", "give one CSV a specimen")
-    specimens = tuple(specimen_modulus(test, window) for test in tests)
+    specimens = tuple(specimen_modulus(test) for test in tests)
     values = np.array([s.modulus_kpa for s in specimens])
     mean, n = float(values.mean()), len(values)
     if n == 1:

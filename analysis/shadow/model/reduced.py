@@ -120,9 +120,9 @@ class ReducedModel:
         """Return the nominal elongations at both ends of the range of pressures, shape (2,), mm."""
         return self.nominal_elongation(self.pressure_range_kpa)[0]
 
-    def states_per_second(self, states: int = 20_000) -> float:
+    def states_per_second(self) -> float:
         """Measure how many states (tracked points of a batch) are evaluated a second."""
-        rng = np.random.default_rng(1)
+        rng, states = np.random.default_rng(1), 20_000
         (p0, p1), (q0, q1) = self.pressure_range_kpa, self.elongation_range_mm
         pressures, elongations = rng.uniform(p0, p1, states), rng.uniform(q0, q1, states)
         self.tracked(pressures[:10], elongations[:10])

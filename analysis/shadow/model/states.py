@@ -63,22 +63,12 @@ class GuideStates:
         return np.asarray(2.0 * twice_area / sides)
 
 
-def guide_states(
-    model: FullModel | None = None,
-    *,
-    lowest_kpa: float = _LOWEST_KPA,
-    highest_kpa: float = 50.0,
-) -> GuideStates:
-    """Solve the fifteen states."""
-    if not lowest_kpa < 0.0 < highest_kpa:
-        raise RequestError(
-            f"{lowest_kpa:g} .. {highest_kpa:g} kPa does not include compression and elongation",
-            "give a lowest pressure below zero and a highest above",
-        )
+def guide_states(model: FullModel | None = None, *, lowest_kpa: float = _LOWEST_KPA) -> GuideStates:
+    """Solve the fifteen states, up to +50 kPa."""
+    if not lowest_kpa < 0.0:
+        raise RequestError(f"{lowest_kpa:g} kPa is no compression", "give a lowest pressure below zero")
     full = model or FullModel()
-    pressures = np.concatenate(
-        [np.linspace(lowest_kpa, 0.0, _STEPS + 1), np.linspace(0.0, highest_kpa, _STEPS + 1)[1:]]
-    )
+    pressures = np.concatenate([np.linspace(lowest_kpa, 0.0, _STEPS + 1), np.linspace(0.0, 50.0, _STEPS + 1)[1:]])
     carried = full.guides.tracked
     curves, elongations = [], []
     state: Solution | None = None

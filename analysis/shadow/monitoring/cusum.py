@@ -24,13 +24,13 @@ CORRELATED = 0.5
 """A shorter history, or one whose neighbours correlate by more than so many 1/sqrt(n), counts as dependent."""
 
 
-def cycles_between_alarms(threshold: float | FloatArray, reference: float = REFERENCE) -> FloatArray:
+def cycles_between_alarms(threshold: float | FloatArray) -> FloatArray:
     """Return the mean number of healthy values until a one-sided CUSUM passes `threshold`.
 
     Siegmund's approximation, ARL = (exp(2 k b) - 2 k b - 1) / (2 k^2) with b = h + 1.166.
     """
-    b = 2.0 * reference * (np.asarray(threshold) + 1.166)
-    return np.asarray((np.exp(b) - b - 1.0) / (2.0 * reference**2))
+    b = 2.0 * REFERENCE * (np.asarray(threshold) + 1.166)
+    return np.asarray((np.exp(b) - b - 1.0) / (2.0 * REFERENCE**2))
 
 
 def threshold_for(cycles: float, sides: int) -> float:

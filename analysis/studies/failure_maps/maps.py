@@ -7,7 +7,7 @@ Values are drawn at equal distances along both axes.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,9 +24,25 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.patheffects import Normal, Stroke
 
 from analysis import figure_style as style
-from analysis.machine import machine
-from analysis.studies.failure_maps.sweep import CellOutcome, StudyMap
-from analysis.studies.harness import Picture, write_json, write_pictures
+from analysis.studies.failure_maps import alarms, figures, fit, sessions, shadow, tracer
+from analysis.studies.failure_maps.sweep import CellOutcome, Study, StudyMap
+from analysis.studies.harness import Picture, chosen, machine, write_json, write_pictures
+
+_STUDIES = (
+    fit.FIT_STUDIES,
+    sessions.SESSION_STUDIES,
+    figures.FIGURE_STUDIES,
+    tracer.TRACER_STUDIES,
+    shadow.SHADOW_STUDIES,
+    alarms.ALARM_STUDIES,
+)
+STUDIES: dict[str, Study] = {study.name: study for studies in _STUDIES for study in studies}
+
+
+def chosen_studies(names: Iterable[str]) -> list[Study]:
+    """Return the studies of methods or maps by name, each once, in the atlas' order; all for no names."""
+    return chosen(list(STUDIES.values()), names, lambda study: (study.method, study.name))
+
 
 _GROUPS = {
     "calibration": ("fit", "inverse", "posterior"),

@@ -23,8 +23,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from analysis import figure_style as style
 from analysis.fidelity import LEVELS, MARGINS
-from analysis.machine import machine
-from analysis.studies.harness import Picture, write_json, write_pictures
+from analysis.studies.harness import Picture, machine, write_json, write_pictures
 from analysis.studies.tradeoff.measure import MARGIN, TIE, CostPoint, Measured, part_of_tolerance
 from protocol.base.whole_file import written_whole
 

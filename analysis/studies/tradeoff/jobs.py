@@ -25,7 +25,10 @@ from analysis.optics.sweep.sweep import SweepRequest, paper_grid, run_sweep
 from analysis.reports.build import write_report
 from analysis.studies.failure_maps.figures import Stairs, analysed_with
 from analysis.studies.tradeoff.measure import Method, Setting
-from analysis.studies.tradeoff.rays import RANKING, rays_text, turned
+from analysis.studies.tradeoff.mechanics import BASIS, MESH
+from analysis.studies.tradeoff.metrology import BOOTSTRAP, INVERSE, SEGMENTATION
+from analysis.studies.tradeoff.posterior import POSTERIOR
+from analysis.studies.tradeoff.rays import RANKING, TRACER, rays_text, turned
 from analysis.studies.tradeoff.references import load
 from protocol.base.arrays import FloatArray
 
@@ -122,3 +125,7 @@ SWEEP = replace(
     RANKING, name="sweep", title="Job: the paper's sweep", per="9,720 scenes on one core, scaled from 360",
     settings=sweep_settings,
 )  # fmt: skip
+
+STEPS = (TRACER, RANKING, MESH, BASIS, POSTERIOR, INVERSE, SEGMENTATION, BOOTSTRAP)
+JOBS = (CALIBRATION, REPORT, SWEEP)
+METHODS: dict[str, Method] = {m.name: m for m in (*STEPS, *JOBS)}

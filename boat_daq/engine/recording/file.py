@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import json
+import os
 import shutil
 import sqlite3
 import time
@@ -23,12 +24,35 @@ from typing import Any, TypeAlias
 
 from boat_daq import __version__
 from boat_daq.engine.file_names import check_file_name
-from boat_daq.engine.recording.disk_space import SPACE_FLOOR_BYTES
 from protocol.base.errors import RequestError, StorageError
-from protocol.recording import open_recording, refuse_newer, schema
+from protocol.recording import open_recording, refuse_newer, sample_dtype, schema
 from protocol.recording.checks import harden
 from protocol.recording.write_ahead_log import fault_of_log
 from protocol.recording.writer_lock import WriterLock, is_being_written
+
+SPACE_FLOOR_BYTES = 32 * 2**20  # below this a recording is ended while it can still be closed
+_WIRE_BYTES = 26  # of a SAMPLE frame beside its sensors: COBS, head, CRC, delimiter
+_ROW_BYTES = 40  # SQLite's share of a chunk row, when every sample comes in its own
+_MARGIN = 1.25  # events, health, the write-ahead log
+
+
+def bytes_per_second(rate_hz: float, n_sensors: int) -> float:
+    """Return what a recording grows by: raw bytes, samples, and the rows around them."""
+    return rate_hz * (_WIRE_BYTES + 4 * n_sensors + sample_dtype(n_sensors).itemsize + _ROW_BYTES) * _MARGIN
+
+
+def check_space(folder: Path, *, rate_hz: float, duration_s: float, n_sensors: int) -> None:
+    """Refuse a recording that does not fit into a folder."""
+    if not folder.is_dir():
+        raise StorageError(f"there is no folder {folder}", "Create it, or choose another.")
+    if not os.access(folder, os.W_OK):
+        raise StorageError(f"the folder {folder} cannot be written", "Choose one with write permission.")
+    needed = int(bytes_per_second(rate_hz, n_sensors) * duration_s) + SPACE_FLOOR_BYTES
+    free = shutil.disk_usage(folder).free
+    if free < needed:
+        cause = f"the recording needs about {needed / 1e6:.0f} MB and {folder} has {free / 1e6:.0f} MB free"
+        raise StorageError(cause, "Free disk space, choose another disk, or record less.")
+
 
 Statement: TypeAlias = tuple[str, tuple[Any, ...]]
 _LOCKED = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED)

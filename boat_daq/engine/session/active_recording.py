@@ -13,7 +13,7 @@ from typing import Any
 from boat_daq.engine.control.controller import Controller
 from boat_daq.engine.control.preflight import Check
 from boat_daq.engine.log import RECORDING, note
-from boat_daq.engine.recording.disk_space import check_space
+from boat_daq.engine.recording.file import check_space
 from boat_daq.engine.recording.metadata_entry import read_metadata, remembered, state_metadata, statements
 from boat_daq.engine.recording.recorder import Recorder
 from boat_daq.engine.recording.resumption import BrokenRun

@@ -21,8 +21,7 @@ from typing import Any
 import numpy as np
 
 from boat_daq.engine.camera.capture import Camera, CameraState, TrackedFrame
-from boat_daq.engine.camera.source import CameraSource, Picture
-from boat_daq.engine.camera.video import VideoStore
+from boat_daq.engine.camera.source import CameraSource, Picture, VideoStore
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import CameraReading

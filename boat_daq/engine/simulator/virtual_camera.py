@@ -21,7 +21,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from boat_daq.engine.camera.video import FRAMES_PER_S, VideoStore
+from boat_daq.engine.camera.source import FRAMES_PER_S, VideoStore
 from boat_daq.engine.simulator.picture import FAULTLESS, CameraScene, Disturbance, Picture, Renderer
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import ChoiceError, DeviceError, one_of

@@ -37,8 +37,8 @@ from boat_daq.viewmodels.models.optics import (
     MAPPED_FACE,
     OpticsModel,
     SweepSummary,
+    shipped_sweep,
 )
-from boat_daq.viewmodels.models.shipped_sweep import shipped_sweep
 from protocol.base.arrays import FloatArray
 
 _COLUMNS = 3  # of maps

@@ -7,12 +7,14 @@ each: 100 % is noticed, and the program's rule accepts half.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtWidgets import QProgressBar, QWidget
+from PySide6.QtCore import QRect, Qt
+from PySide6.QtWidgets import QHeaderView, QProgressBar, QWidget
 
 from analysis.fidelity import LEVELS
 from analysis.studies.tradeoff.measure import MARGIN
@@ -23,13 +25,51 @@ from boat_daq.gui.plotting.axes import LogAxis
 from boat_daq.gui.plotting.plot import Plot, PlotBox, sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.widgets import controls
+from boat_daq.gui.widgets.data_table import Cell, DataTable
 from boat_daq.gui.widgets.layouts import ReflowingPage, Shares
-from boat_daq.gui.widgets.wrapped_table import WrappedTable
 from boat_daq.viewmodels.common import tables
 from boat_daq.viewmodels.common.preferences import Precision
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.models.tradeoff import JOB_NAMES, METHOD_NAMES, Default, TradeoffModel
 from protocol.base.arrays import FloatArray
+
+CELL_MARGIN = 2 * style.GAP  # of both sides
+_HIGHEST = 1000
+
+
+class WrappedTable(DataTable):
+    """Rows as high as the texts of their wrapped columns.
+
+    Parameters
+    ----------
+    stretched : the columns that share the remaining width, and are wrapped.
+    """
+
+    def __init__(self, name: str, headings: Sequence[str], *, stretched: Sequence[int], right: Sequence[int]) -> None:
+        super().__init__(name, headings, stretched=stretched[0], right=right)
+        self._stretched = stretched
+        for column in stretched:
+            self.horizontalHeader().setSectionResizeMode(column, QHeaderView.ResizeMode.Stretch)
+        self.setWordWrap(True)
+        self.horizontalHeader().sectionResized.connect(
+            self._fit, Qt.ConnectionType.QueuedConnection
+        )  # to the last widths
+
+    def fill(self, rows: Sequence[Sequence[Cell]], tips: Sequence[str] = ()) -> None:
+        """Show other rows; parameters as of `DataTable`."""
+        super().fill(rows, tips)
+        self._fit()
+
+    def _fit(self, *_: int) -> None:
+        """Set the heights; Qt's own would wrap the other columns too, which are as wide as their texts."""
+        for row in range(self.rowCount()):
+            self.setRowHeight(row, max(self._height(row, column) for column in self._stretched) + style.GAP)
+
+    def _height(self, row: int, column: int) -> int:
+        item, around = self.item(row, column), QRect(0, 0, self.columnWidth(column) - CELL_MARGIN, _HIGHEST)
+        text = item.text() if item is not None else ""
+        return self.fontMetrics().boundingRect(around, Qt.TextFlag.TextWordWrap, text or " ").height()
+
 
 PRECISIONS = {
     "draft": "Draft: fast, rough",

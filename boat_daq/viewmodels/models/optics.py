@@ -7,10 +7,11 @@ else the path of a file.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -18,16 +19,50 @@ from analysis.fidelity import Fidelity, fidelity
 from analysis.numbers import rounded, with_uncertainty
 from analysis.optics.scene.parameters import STATES, STEPS_MM
 from analysis.progress import Progress, part_of
+from boat_daq.engine.toml_values import read_json
 from boat_daq.formatting import count, number
 from boat_daq.viewmodels.common.notices import Notices, Severity, sentence
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from protocol.base.arrays import FloatArray, IntArray
 from protocol.base.errors import DataError
+from protocol.base.whole_file import write_whole
 
 if TYPE_CHECKING:
     from analysis.optics.scene.frame import SceneFrame
     from analysis.optics.scene.parameters import Design, Light, Waveguide
     from analysis.optics.sweep.figure_of_merit import Merit
+
+
+# with the paper's 250 rays and the default curves, as `sweep(CAVITIES, 250)` returns it (nightly test)
+SHIPPED = Path(__file__).with_name("swept_designs.json")
+_COLUMNS = ("cavities", "width_mm", "depth_mm", "spacing_mm", "delta", "n_sign", "rmse", "p", "tied", "rank")
+_TEXTS = ("rays", "simulated", "rank_text", "winners", "fans", "error_text")
+
+
+def shipped_sweep() -> SweepSummary:
+    """Return the sweep that ships with the program."""
+    from analysis.optics.sweep.figure_of_merit import Merit
+
+    stored: dict[str, Any] = read_json(SHIPPED)
+    rows = np.array(stored["designs"])
+    delta, n_sign, rmse, p, tied, ranks = rows[:, 4:].T
+    unknown = np.full(len(rows), np.nan)
+    merit = Merit(unknown, delta, n_sign, rmse, unknown, p, n_sign == 0, np.zeros(len(rows), dtype=bool))
+    texts = {name: stored[name] for name in _TEXTS}
+    best, ends = int(np.argmax(p)), stored["paper"]
+    found = rows[:, :4], merit, tied.astype(bool), best, ends, ranks.astype(int)
+    return SweepSummary(*found, seconds=0.0, **texts)
+
+
+def store_sweep(sweep: SweepSummary, path: Path) -> None:
+    """Write a sweep as it ships."""
+    m = sweep.merit
+    columns = (*sweep.values.T, m.delta, m.n_sign, m.rmse, m.p, sweep.tied, sweep.ranks)
+    rows = [[float(f"{value:.7g}") for value in row] for row in zip(*columns, strict=True)]
+    lines = ",\n".join(json.dumps(row) for row in rows)
+    head = json.dumps({"columns": _COLUMNS, "paper": sweep.paper} | {name: getattr(sweep, name) for name in _TEXTS})
+    write_whole(path, f'{head[:-1]}, "designs": [\n{lines}\n]}}\n')
+
 
 Values = tuple[int, float, float, float]
 """Cavities, width, depth, spacing (mm) of a design."""

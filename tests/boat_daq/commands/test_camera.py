@@ -14,7 +14,7 @@ from pandas import read_csv
 from analysis.data.load import load_recording
 from analysis.figures.stored_results import reproduce
 from boat_daq.commands.analyze import _filmed
-from boat_daq.engine.camera.video import VideoStore
+from boat_daq.engine.camera.source import VideoStore
 from boat_daq.engine.simulator.picture import CameraScene, Renderer, checkerboard
 from boat_daq.workflows import camera_tracking
 from boat_daq.workflows.camera_tracking import CameraChoice, camera_choice

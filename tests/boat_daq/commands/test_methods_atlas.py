@@ -38,7 +38,7 @@ def test_the_command_writes_and_ends_well(tmp_path: Path) -> None:
 
 def test_a_number_wrong_without_warning_fails_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The error names the first such point."""
-    monkeypatch.setattr("analysis.studies.failure_maps.methods.chosen_studies", lambda _names: [ladder_study()])
+    monkeypatch.setattr("analysis.studies.failure_maps.maps.chosen_studies", lambda _names: [ladder_study()])
     ran = CliRunner().invoke(app, ["atlas", "--out", str(tmp_path)])
     assert ran.exit_code == 1
     assert "1 results are wrong without a warning, the first in ladder-x" in str(ran.exception)

@@ -18,8 +18,8 @@ from typer.testing import CliRunner
 from analysis.fidelity import LEVELS
 from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.studies.tradeoff.charts import MAY_BE_INFINITE
+from analysis.studies.tradeoff.jobs import JOBS, METHODS, STEPS
 from analysis.studies.tradeoff.measure import CostPoint, Measured, Method, measure
-from analysis.studies.tradeoff.methods import JOBS, METHODS, STEPS
 from boat_daq.cli import app
 from boat_daq.viewmodels.models.tradeoff import METHOD_NAMES as ON_THE_PAGE
 from boat_daq.workflows.measured_methods import camera_tracker

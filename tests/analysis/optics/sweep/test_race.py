@@ -19,8 +19,7 @@ from analysis.optics.scene.geometry import pattern_of
 from analysis.optics.scene.parameters import By, Design, Light, light_by
 from analysis.optics.sweep.figure_of_merit import FLOOR, merit, p_bounds, resolution
 from analysis.optics.sweep.race import Race, first_rays_of, race_sweep, rays_of_rounds
-from analysis.optics.sweep.race_report import race_json, race_text, times_fewer
-from analysis.optics.sweep.report import write_race
+from analysis.optics.sweep.report import race_json, race_text, times_fewer, write_race
 from analysis.optics.sweep.sweep import SweepRequest, SweepResult, common_of, paper_grid, result_of, run_item
 from protocol.base.errors import RequestError
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from analysis.studies.failure_maps.methods import STUDIES
+from analysis.studies.failure_maps.maps import STUDIES
 from analysis.studies.failure_maps.sweep import Cell, CellOutcome
 
 WORKS, WARNS, REFUSES = CellOutcome.WORKS, CellOutcome.WARNS, CellOutcome.REFUSES

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from analysis.studies.tradeoff.charts import report_json, write_report
+from analysis.studies.tradeoff.jobs import METHODS
 from analysis.studies.tradeoff.measure import Measured, measure
-from analysis.studies.tradeoff.methods import METHODS
 
 
 @pytest.fixture(scope="module")

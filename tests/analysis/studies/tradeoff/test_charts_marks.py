@@ -9,8 +9,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from analysis import figure_style as style
 from analysis.studies.tradeoff.charts import method_chart
+from analysis.studies.tradeoff.jobs import METHODS
 from analysis.studies.tradeoff.measure import CostPoint, Measured
-from analysis.studies.tradeoff.methods import METHODS
 
 
 def chart(decades: float):  # type: ignore[no-untyped-def]

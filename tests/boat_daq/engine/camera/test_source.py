@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from boat_daq.engine.camera.source import _Capture, open_source, read_picture
-from boat_daq.engine.camera.video import VideoStore
+from boat_daq.engine.camera.source import VideoStore, _Capture, open_source, read_picture
 from boat_daq.engine.simulator.virtual_camera import MjpegStream
 from protocol.base.errors import DeviceError, RequestError
 from protocol.base.optional import optional

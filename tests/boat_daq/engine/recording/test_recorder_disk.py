@@ -163,7 +163,7 @@ def test_a_recording_ends_below_32_mib_of_free_disk(path, source, monkeypatch, f
     """The space that closing a recording may need."""
     recorder = begin(path, source)
     free = SimpleNamespace(free=free_mib * 2**20)
-    monkeypatch.setattr("boat_daq.engine.recording.disk_space.shutil.disk_usage", lambda _: free)
+    monkeypatch.setattr("boat_daq.engine.recording.file.shutil.disk_usage", lambda _: free)
     if reported:
         with pytest.raises(StorageError, match="MB left"):
             recorder._file.check_space()

@@ -7,8 +7,16 @@ import pytest
 
 from analysis.optics.sweep.figure_of_merit import Merit
 from boat_daq.viewmodels.common.notices import Notices
-from boat_daq.viewmodels.models.optics import CAVITIES, PAPER_DESIGN, OpticsModel, SweepSummary, sweep
-from boat_daq.viewmodels.models.shipped_sweep import SHIPPED, shipped_sweep, store_sweep
+from boat_daq.viewmodels.models.optics import (
+    CAVITIES,
+    PAPER_DESIGN,
+    SHIPPED,
+    OpticsModel,
+    SweepSummary,
+    shipped_sweep,
+    store_sweep,
+    sweep,
+)
 from boat_daq.workflows.jobs import JobRunner
 
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from analysis.studies.tradeoff.methods import METHODS as MEASURED
+from analysis.studies.tradeoff.jobs import METHODS as MEASURED
 from boat_daq.viewmodels.models.tradeoff import METHOD_NAMES, TradeoffModel, read_report
 from boat_daq.workflows.jobs import JobRunner, JobState
 from protocol.base.errors import RequestError

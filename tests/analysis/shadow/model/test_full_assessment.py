@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from analysis.shadow.fem.parameters import ActuatorParameters
-from analysis.shadow.model.assessment import assess, nominal_band
-from analysis.shadow.model.full import FullModel
+from analysis.shadow.model.full import FullModel, assess, nominal_band
 from analysis.warning import WarningCode
 
 SMALL = ActuatorParameters(cells=2, axial_elements=4, wall_elements=1, lattice_elements=2)

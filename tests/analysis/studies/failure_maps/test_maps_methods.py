@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from analysis.studies.failure_maps.methods import STUDIES, chosen_studies
+from analysis.studies.failure_maps.maps import STUDIES, chosen_studies
 from analysis.studies.failure_maps.sweep import CellOutcome, sweep
 from protocol.base.errors import RequestError
 

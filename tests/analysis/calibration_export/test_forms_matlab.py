@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.calibration_export.matlab import matlab_function
+from analysis.calibration_export.forms import matlab_function
 from tests.analysis.calibration_export.calibrations import SENSORS, expected, file_of, signals
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from boat_daq.engine.control.drift import drift
+from boat_daq.engine.control.plateau_dwell import drift
 
 T = np.arange(200) / 100.0
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from boat_daq.engine.recording import disk_space
-from boat_daq.engine.recording.disk_space import bytes_per_second, check_space
+from boat_daq.engine.recording import file
+from boat_daq.engine.recording.file import bytes_per_second, check_space
 from protocol.base.errors import StorageError
 from protocol.simulator.board import VirtualBoard
 from tests.boat_daq.engine.board_link import record_run
@@ -25,7 +25,7 @@ def test_the_estimate_covers_a_real_recording_and_not_many(tmp_path, rate_hz, se
 def test_a_plan_that_does_not_fit_is_refused_with_both_figures(tmp_path, monkeypatch):
     """The reader learns how much is needed and how much is there."""
     check_space(tmp_path, rate_hz=100, duration_s=60, n_sensors=2)
-    monkeypatch.setattr(disk_space.shutil, "disk_usage", lambda _: type("usage", (), {"free": 50_000_000})())
+    monkeypatch.setattr(file.shutil, "disk_usage", lambda _: type("usage", (), {"free": 50_000_000})())
     with pytest.raises(StorageError, match=r"needs about \d+ MB and .* has 50 MB free"):
         check_space(tmp_path, rate_hz=10_000, duration_s=3600, n_sensors=2)
 
@@ -35,6 +35,6 @@ def test_a_folder_that_cannot_be_written_is_refused(tmp_path, monkeypatch):
     """Absent or read-only: refused before the start."""
     with pytest.raises(StorageError, match="no folder"):
         check_space(tmp_path / "none", rate_hz=100, duration_s=1, n_sensors=2)
-    monkeypatch.setattr(disk_space.os, "access", lambda *_: False)
+    monkeypatch.setattr(file.os, "access", lambda *_: False)
     with pytest.raises(StorageError, match="cannot be written"):
         check_space(tmp_path, rate_hz=100, duration_s=1, n_sensors=2)

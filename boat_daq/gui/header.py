@@ -27,7 +27,7 @@ from boat_daq.workflows.jobs import JobRunner
 
 _FIGURES = 4
 SEPARATOR = "  \u00b7  "
-CHOOSE = "Choose the port (Ctrl+K)"
+_CHOOSE = "Choose the port (Ctrl+K)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ class Header(QWidget):
         self.recording = RecordingBadge(recording, services)
         self.setFixedHeight(style.HEADER_HEIGHT)
         self.simulated = controls.label("SIMULATED", "simulated", name="This board is simulated")
-        self.link = controls.button("", partial(services.show, Panel.CONNECT), name="Connection", tip=CHOOSE)
+        self.link = controls.button("", partial(services.show, Panel.CONNECT), name="Connection", tip=_CHOOSE)
         self.figures = [controls.label("", "muted") for _ in range(_FIGURES)]
         self.unit = controls.button("", partial(services.show, Page.RECORDINGS), name="Unit and calibration")
         show_outlets = partial(services.show, Panel.OUTLETS)
@@ -174,7 +174,7 @@ class Header(QWidget):
         self.recording.refresh(snapshot)
         self._refresh_outlets()
         self._unit_text = self.unit_in_use.text(snapshot)
-        self.link.setToolTip("\n".join((CHOOSE, words, *(figure for figure, _ in text.figures))))
+        self.link.setToolTip("\n".join((_CHOOSE, words, *(figure for figure, _ in text.figures))))
         library = "simulated" if snapshot.simulated else "real"
         self.unit.setToolTip(f"{self._unit_text}\nThe connected unit and its calibration as a {library} unit")
         widths = ((len(figure), state) for figure, state in text.figures)

@@ -21,6 +21,7 @@ from analysis.data.column_names import (
     guess_unit,
     is_signal,
     our_name,
+    quantity_of,
     recognised,
     unit_for,
     unit_in_title,
@@ -105,7 +106,8 @@ def map_columns(table: Table, columns: Mapping[str, str] | None = None, *, toler
     others: list[tuple[str, Column]] = []
     sought = set(given) - {"time_s"} if given.get("time_s") else set(given)
     taken -= {chosen["time_s"].position} if "time_s" in chosen else set()
-    for name, position, unit in _by_title(table, taken, sought, signals_mapped=any(map(is_signal, chosen))):
+    recognised_here = _by_title(table, taken, sought, signals_mapped=any(map(is_signal, chosen)))
+    for name, position, unit in [*recognised_here, *_by_unit(table, taken, sought, recognised_here, warnings)]:
         try:
             column = _with_unit(table, name, position, unit, warnings)
         except RequestError as error:
@@ -189,6 +191,8 @@ def _by_title(table: Table, taken: Set[int], mapped: Set[str], *, signals_mapped
         if name is not None and len(by_title) == 1 and unit_for(name, by_title) is None:
             by_title = ""  # Time A
         unit = unit or by_title
+        if name is not None and is_signal(name) and quantity_of(unit) in ("pressure", "temperature"):
+            continue  # a channel of a logger, no sensor
         if name is not None and name not in mapped and position not in taken and position not in table.text:
             found.append((name, position, unit))
     computed = "elongation_valid" in table.names  # by a calibration, in an export of ours
@@ -208,6 +212,24 @@ def _by_title(table: Table, taken: Set[int], mapped: Set[str], *, signals_mapped
         others = others or (volts if len(volts) == 1 else [])
         found += [(f"s{n}_mv", *other) for n, other in enumerate(others[:SENSORS_IN_A_RECORDING], 1)]
     return found
+
+
+def _by_unit(
+    table: Table, taken: Set[int], mapped: Set[str], found: list[tuple[str, int, str]], warnings: list[Warning]
+) -> list[tuple[str, int, str]]:
+    """Return the one column in a unit of pressure, and of time, where no title is known; each is said."""
+    known = {name for name, _, _ in found} | mapped
+    free = set(range(len(table.names))) - taken - set(table.text) - set(table.stamps) - {at for _, at, _ in found}
+    more = []
+    for name, quantity in (("pressure_kpa", "pressure"), ("time_s", "time")):
+        units = {at: table.units[at] or unit_in_title(table.names[at]) for at in sorted(free)}
+        alone = [at for at, unit in units.items() if quantity_of(unit) == quantity]
+        if name in known or len(alone) != 1 or (name == "time_s" and table.stamps):
+            continue
+        text = f"column {table.names[alone[0]]!r} is the only one in a unit of {quantity}: taken as {name}"
+        warnings.append(Warning(WarningCode.UNIT_GUESSED, "", text))
+        more.append((name, alone[0], units[alone[0]]))
+    return more
 
 
 def _is_constant(table: Table, position: int) -> bool:

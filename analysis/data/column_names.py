@@ -21,22 +21,25 @@ _WORDS = {
         "time", "t", "tijd", "zeit", "temps", "tempo", "tiempo", "timestamp", "datetime", "date time", "date",
         "elapsed", "x", "seconds", "second", "millis", "micros", "nanos", "milliseconds", "microseconds", "datenum",
         "x_value", "x value", "x-axis", "clock", "ts", "date/time", "time*", "uhrzeit", "zeitstempel", "prüfzeit",
-        "messzeit", "laufzeit", "heure", "hora", "test time", "running time", "run time", "total time",
+        "messzeit", "laufzeit", "heure", "hora", "test time", "running time", "run time", "total time", "start time",
+        "時間", "時刻", "日時", "时间", "date&time",
     ),
     "pressure_kpa": (
         "pressure", "p", "druk", "druck", "pression", "pressione", "presion", "presión", "press", "gauge", "istdruck",
+        "圧力", "压力",
     ),
     "target_kpa": ("target", "setpoint", "set point", "solldruck"),
     "elongation_mm": (
         "elongation", "displacement", "extension", "laser", "lvdt", "deflection", "weg", "auslenkung", "verplaatsing",
-        "déplacement", "deplacement", "stroke",
+        "déplacement", "deplacement", "stroke", "standardweg", "変位", "位移",
     ),
 }  # fmt: skip
 _SENSOR = re.compile(
     r"^(?:s|sensor|signal|ch|channel|kanal|ai|sig|y)[\s_]*(\d{1,2}|[a-h])(?:[\s_]*(?:mv|v|uv|signal|voltage))?$"
 )
 _SIGNAL_WORDS = ("signal", "voltage", "sensor", "mv", "v", "output", "light")
-OTHER_SIGNALS = re.compile(r"\b(force|load|resistance|capacitance|wavelength|frequency|counts?|adc|kraft)\b")
+OTHER_SIGNALS = re.compile(r"\b(force|load|resistance|capacitance|wavelength|frequency|counts?|adc|\w*kraft)\b")
+_NO_TIME = frozenset(("cycle", "cycles", "count", "counts", "number", "points"))  # "Elapsed Cycles"
 COUNTS = re.compile(r"^s([1-9]\d?)_(lit|dark)$")
 PLAIN = ("index", "state", "flags", "segment", "simulated")
 _WANTED = frozenset((  # of a pressure that is not measured
@@ -86,6 +89,12 @@ def unit_for(name: str, text: str) -> MeasurementUnit | None:
     return found if found is not None and found.quantity == _QUANTITY.get(name) else None
 
 
+def quantity_of(unit: str) -> str:
+    """Return the quantity of a unit, of absolute pressures too; "" of none."""
+    found = _gauge_unit(unit) if unit.strip() else None
+    return found.quantity if found is not None else "pressure" if absolute_unit(unit) else ""
+
+
 def units_of(name: str) -> tuple[str, ...]:
     """Return the usual units that a column of our name may have."""
     quantity = _QUANTITY.get(name)
@@ -127,7 +136,14 @@ def split_unit(title: str) -> tuple[str, str]:
             if depth == 0:
                 name, unit = text[:at].strip(), text[at + 1 : -1].strip()
                 gauge = unit.lower() in ("g", "gauge", "a", "abs", "absolute", "rel")  # "Pressure bar (g)"
-                return _split_tail(name + f"({unit})") if gauge and name else (name, unit) if name else (text, "")
+                if name and gauge:
+                    return _split_tail(name + f"({unit})")
+                if name and not quantity_of(unit) and (inner := _split_tail(name))[1]:
+                    return inner  # "Pressure, kPa (LGR S/N: 2034)"
+                return (name, unit) if name else (text, "")
+    inside = re.search(r"[(\[]([^()\[\]]+)[)\]]", text)
+    if inside and quantity_of(inside[1]):  # "102 (kPa)- Pressure"
+        return " ".join(f"{text[: inside.start()]}{text[inside.end() :]}".split()), inside[1]
     return text, ""
 
 
@@ -170,7 +186,7 @@ def recognised(title: str, unit: str = "") -> str | None:
         if others <= _MEASURED:
             return "pressure_kpa"
     for name in ("target_kpa", "time_s", "pressure_kpa", "elongation_mm"):
-        if bare == "x" and unit_for("time_s", unit) is None:
+        if name == "time_s" and unit_for("time_s", unit) is None and (bare == "x" or _NO_TIME & set(words)):
             continue
         if bare in _WORDS[name] or (words and words[0] in _WORDS[name] and len(words[0]) > 1):
             return name

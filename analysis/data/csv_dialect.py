@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from analysis.data.clocks import is_stamp
-from analysis.data.column_names import known_unit, recognised, split_unit
+from analysis.data.column_names import known_unit, quantity_of, recognised, split_unit
 from analysis.data.text_encoding import encoding_of
 from protocol.base.errors import FileError
 
@@ -38,6 +38,8 @@ MISSING = {"", "nan", "na", "n/a", "null", "-", "#n/a"}
 COMMENTS = ("#", "%")
 _NOTES = ("comment", "comments", "note", "notes", "remark", "remarks")
 _COUNTED = ("sequence", "sample", "point")
+_OF_UNITS = ("unit", "units", "einheit", "einheiten")
+_INTERVALS = ("increment", "wf_increment", "delta_x", "delta t", "dt", "interval")  # between rows, s
 _LVM = "LabVIEW Measurement"
 _LVM_HEAD_ENDS = "***End_of_Header***"
 # a group sign is believed only beside a decimal part or a second group: 1,650 alone may be a decimal comma
@@ -52,6 +54,7 @@ LOGGED = re.compile(
     r"^\[?((?:\d{4}-\d\d-\d\d[ T])?\d{1,2}:\d\d:\d\d(?:[.,:]\d{1,6})?)\]?(?:\s*->?\s*|\s*>\s*|[\t ]+)(?=\S)", re.M
 )
 _MINUS = str.maketrans({"\u2212": "-", "\u2013": "-"})
+_NUMBERED = re.compile(r'\ufeff?"?#"?[,;\t]\s*"?\w')  # a title # of the rows' numbers
 _LINE_END = re.compile(r"\r\n|\r|\n")
 _NUL_INSIDE = re.compile(r"\x00(?=[^\x00\r\n])")
 
@@ -159,6 +162,8 @@ def number(cell: str, decimal: str) -> float | None:
     if "_" in cell:
         return None
     cell = _GROUPS.sub("", cell)
+    if cell[:1] in ("+", "-"):
+        cell = cell[0] + cell[1:].lstrip()
     if _GROUPED[decimal].match(cell):
         cell = cell.replace("," if decimal == "." else ".", "")
     if decimal == ",":
@@ -208,7 +213,7 @@ def cells_of(line: str, separator: str) -> list[str]:
 
 def is_comment(line: str) -> bool:
     """Return whether a line is blank or a comment."""
-    return not line.strip() or line.lstrip('\ufeff" \t').startswith(COMMENTS)
+    return not line.strip() or (line.lstrip('\ufeff" \t').startswith(COMMENTS) and not _NUMBERED.match(line))
 
 
 def _score(lines: list[str], separator: str, decimal: str) -> tuple[float, int]:
@@ -273,7 +278,9 @@ def _dialect(lines: list[tuple[int, str]], encoding: str, separator: str, decima
         titles = [cells for cells in commented if any(number(cell, decimal) is None for cell in cells)] or titles
     header, units = _header(titles)
     steps = [number(unit, decimal) for title, unit in zip(header, units, strict=False) if title.lower() == "increment"]
-    interval_s = next(filter(None, steps), 0.0)
+    stated = [{*filter(None, row[1:])} for row in above if row and row[0].strip(' []()"').lower() in _INTERVALS]
+    steps += [number(row.pop(), decimal) for row in stated if len(row) == 1]
+    interval_s = next((step for step in steps if step and step > 0), 0.0)
     return Dialect(
         encoding,
         separator,
@@ -294,24 +301,27 @@ def _goes_on(width: int, below: Sequence[tuple[int, str]], separator: str, decim
     return not rows or any(len(row) == width and _is_data(row, decimal) for row in rows)
 
 
-def _body(lines: list[str], separator: str, decimal: str, width: int) -> list[bool]:
-    """Return which columns hold numbers or stamps in most of the last rows of the head."""
+def _body(lines: list[str], separator: str, decimal: str, width: int) -> list[bool | None]:
+    """Return which columns hold numbers or stamps in most of the last rows of the head; None for an empty one."""
     rows = [cells_of(line, separator) for line in lines[-min(_BODY, (len(lines) + 1) // 2) :] if not is_comment(line)]
     rows = [row for row in rows if len(row) == width and _is_data(row, decimal)]
     filled = [[row[k] for row in rows if row[k].strip()] for k in range(width)]
-    return [bool(c) and sum(_is_value(cell, decimal) for cell in c) >= _MOSTLY * len(c) for c in filled]
+    return [sum(_is_value(cell, decimal) for cell in c) >= _MOSTLY * len(c) if c else None for c in filled]
 
 
-def _is_preamble(cells: list[str], body: list[bool], decimal: str, *, titled: bool) -> bool:
+def _is_preamble(cells: list[str], body: list[bool | None], decimal: str, *, titled: bool) -> bool:
     """Return whether a row with numbers has words where the rows of the table have numbers: a title such as 3.
 
-    Below titles a word such as OVLD is expected, but not in the first column or in half of them.
+    Or a word in the first column, where that is empty. Below titles a word such as OVLD is expected, but not in the
+    first column or in half of them.
     """
     values = [bool(cell.strip()) and _is_value(cell, decimal) for cell in cells]
     words = [bool(cell.strip()) and not value for cell, value in zip(cells, values, strict=True)]
     wrong = any(word and of_table for word, of_table in zip(words, body, strict=True))
-    right = sum(value and of_table for value, of_table in zip(values, body, strict=True))
-    return wrong and (not titled or 2 * right <= sum(body) or (words[0] and body[0]))
+    right = sum(value and of_table is True for value, of_table in zip(values, body, strict=True))
+    if words[0] and body[0] is None:
+        return True
+    return wrong and (not titled or 2 * right <= sum(map(bool, body)) or (words[0] and body[0] is True))
 
 
 def _cells_of_comment(text: str, separator: str, width: int) -> list[str]:
@@ -328,7 +338,9 @@ def _fitted(titles: list[str], width: int, bare_end: bool) -> list[str]:
 
 
 def _recognised(titles: list[str]) -> int:
-    return sum(recognised(*split_unit(cell)) is not None for cell in titles)
+    """Return the number of known titles, and of units behind titles."""
+    split = [split_unit(cell) for cell in titles if not known_unit(cell)]
+    return sum((recognised(*one) is not None) + (quantity_of(one[1]) != "") for one in split)
 
 
 def _has_titles(titles: list[str]) -> bool:
@@ -343,20 +355,28 @@ def _header(titles: list[list[str]]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     if not rows:
         return (), ()
     best = max(rows, key=lambda at: (_recognised(titles[at]), at))
-    if best and not _recognised(titles[best]) and all(len(cell) <= 6 for cell in bare[best]):
+    if best and not (_recognised(titles[best]) or any(are_units)) and all(len(cell) <= 6 for cell in bare[best]):
         best -= 1  # titles and units that are not known
         return tuple(split_unit(c)[0] for c in titles[best]), tuple(bare[best + 1])
     split = [split_unit(cell) for cell in titles[best]]
     units = [unit for _, unit in split]
     found = [at for at in range(len(titles)) if at != best and are_units[at]]
-    if not found and best + 1 < len(titles) and all(len(cell) <= 6 for cell in bare[best + 1]):
-        found = [best + 1]
+    if not found and best + 1 < len(titles):
+        below = bare[best + 1]
+        if sum(map(known_unit, below)) > 1:  # beside other words
+            bare[best + 1], found = [cell if known_unit(cell) else "" for cell in below], [best + 1]
+        elif all(len(cell) <= 6 for cell in below):
+            found = [best + 1]
     for at in found[:1]:
-        units = [unit or below for unit, below in zip(units, bare[at], strict=True)]
-    return tuple(name for name, _ in split), tuple(units)
+        stated = ["" if cell.lower() in _OF_UNITS else cell for cell in bare[at]]
+        units = [unit or below for unit, below in zip(units, stated, strict=True)]
+    names = [name for name, _ in split]
+    for at in [at for at in rows if at < best][::-1]:  # a title that is blank is in a row above
+        names = [name or above for name, above in zip(names, bare[at], strict=True)]
+    return tuple(names), tuple(units)
 
 
 def _are_units(cells: list[str]) -> bool:
     """Return whether a row is one of units; an oscilloscope has the count of the rows and its interval beside them."""
     known = sum(map(known_unit, cells))
-    return known == len(cells) or (cells[0].lower() in _COUNTED and known > 0)
+    return known == len(cells) or (cells[0].lower() in (*_COUNTED, *_OF_UNITS) and known > 0)

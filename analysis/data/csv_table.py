@@ -46,6 +46,7 @@ MOST_WARNINGS = 10
 MAX_BAD_SHARE = 0.05  # more broken rows than this and the file was not understood
 MOST_BROKEN = 10_000  # and more of them than whole rows: the rest is not read
 SHOWN_WORDS = 100  # cells of a text column that are tried as grouped numbers
+_FRACTIONS = {("ms", "msec", "millisecond", "milliseconds"): 1e3, ("us", "usec", "microsecond", "microseconds"): 1e6}
 _ONE_GROUP = {sign: re.compile(rf"[+-]?[1-9]\d{{0,2}}[{other}]\d{{3}}") for sign, other in ((".", ","), (",", "."))}
 # pandas 3 reads decimals to the nearest double by itself and deprecates the option that older ones need for it
 _EXACT: dict[str, Any] = {} if int(pd.__version__.split(".")[0]) >= 3 else {"float_precision": "round_trip"}
@@ -182,6 +183,9 @@ def _with_clocks(table: Table) -> Table:
         stamps = read_stamps(words)
         if stamps is not None:
             found[position] = stamps
+            stamps, at = _with_fraction(table, position, stamps), position + 1
+            if stamps is not found[position]:  # it is no column of its own
+                found[position], text[at] = stamps, [""] * table.rows
             columns[position], units[position] = since_first(stamps), "s"
             del text[position]
             cause = f"column {table.names[position]!r} holds {stamps.kind}: taken as seconds since its first"
@@ -194,6 +198,21 @@ def _with_clocks(table: Table) -> Table:
             units[position - 1] = units[position - 1] or words[0]  # a column of the unit behind that of the values
     warned = tuple(warnings)
     return replace(table, columns=tuple(columns), units=tuple(units), text=text, warnings=warned, stamps=found)
+
+
+def _with_fraction(table: Table, position: int, stamps: Stamps) -> Stamps:
+    """Return stamps of whole seconds with the milli- or microseconds in the column behind them."""
+    at = position + 1
+    if at >= len(table.columns) or at in table.text:
+        return stamps
+    titles = {" ".join(text.lower().split()) for text in (table.names[at], table.units[at])}
+    per_s = next((n for words, n in _FRACTIONS.items() if titles & set(words)), 0.0)
+    part, known = table.columns[at], np.isfinite(stamps.seconds)
+    if not per_s or not known.any() or (np.mod(stamps.seconds[known], 1.0) != 0).any():
+        return stamps
+    if not ((part >= 0) & (part < per_s)).all():
+        return stamps
+    return replace(stamps, seconds=stamps.seconds + part / per_s)
 
 
 def _plain_numbers(words: Sequence[str], decimal: str) -> tuple[npt.NDArray[np.float64], str] | None:

@@ -48,7 +48,7 @@ _PLAIN: Final = {
 _OFFSETS: Final = {"K": -273.15, "degF": -160 / 9}  # of temperatures, in degC
 _SPELT: Final = {  # other spellings, in small letters
     "c": "degC", "celsius": "degC", "deg c": "degC", "f": "degF", "fahrenheit": "degF", "deg f": "degF",
-    "kelvin": "K", "ampere": "A", "percent": "%", "%rh": "%", "%rf": "%",
+    "kelvin": "K", "ampere": "A", "percent": "%", "%rh": "%", "%rf": "%", "vdc": "V", "mvdc": "mV",
     "volt": "V", "volts": "V", "millivolt": "mV", "millivolts": "mV", "microvolt": "uV", "microvolts": "uV",
     "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sekunde": "s", "sekunden": "s", "seconde": "s",
     "seconden": "s", "secondes": "s", "segundos": "s", "msec": "ms", "millisecond": "ms", "milliseconds": "ms",

@@ -104,6 +104,13 @@ def summer(run: Run, hours: float) -> list[str]:
     return stamped("%Y-%m-%d %H:%M:%S.{ms}", jumped)
 
 
+def fractions(run: Run) -> list[str]:
+    """Return stamps of whole seconds, the milliseconds in a column behind them, units beside other words."""
+    lines = stamped("%Y-%m-%d %H:%M:%S,{ms}", run, "")[1:]
+    rows = [f"{k},{line},LLLL" for k, line in enumerate(lines, 1)]
+    return ['Vendor,"bench"', "Number,Date&Time,ms,CH1,CH2,AlarmOut", 'NO.,Time,ms,"kPa","mV","AO1234"', *rows]
+
+
 OWN: dict[str, tuple[Lines, str]] = {
     "days of Excel": (timed("{:.9f}", 1 / 86400, 45_000.5, title="Time"), "taken as d"),
     "days of MATLAB": (timed("{:.10f}", 1 / 86400, 739_000.25, title="datenum"), ""),
@@ -120,6 +127,7 @@ OWN: dict[str, tuple[Lines, str]] = {
     "letters": (lambda run: [line.replace("Timestamp", "Time B") for line in two_loggers(run)], "two clocks"),
     "a zone": (lambda run: stamped("%Y-%m-%dT%H:%M:%S.{ms}+02:00", run), ""),
     "German months": (german, ""),
+    "milliseconds beside the stamps": (fractions, "the only one in a unit of pressure"),
     "two loggers": (two_loggers, "two clocks"),
     "no title": (lambda run: stamped("%Y-%m-%d %H:%M:%S.{ms}", run, ",Pressure (kPa),S1 (mV)"), "taken as time"),
     "a date beside the time": (beside, ""),

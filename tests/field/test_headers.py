@@ -77,6 +77,25 @@ OWN: dict[str, Lines] = {
         f"{t:.3f};{1e3 * p:,.1f};{y:,.4f}".replace(",", "'")
         for t, p, y in zip(run.time_s, run.pressure_kpa, run.signal_mv, strict=True))],
     "a title that is no known sensor": headed("Time (s),Pressure (kPa),Transducer (mV)"),
+    "a unit before the serial numbers": headed(
+        '"Plot Title: bench"', '"#","Time, s","Pressure, kPa (LGR S/N: 2, SEN S/N: 2)","Voltage, mV (LGR S/N: 2)"',
+        form="1,{:.3f},{:.4f},{:.4f}"),
+    "a unit before the name": headed("Scan Sweep Time (s),102 (kPa)- Pressure,106 (mVdc)- S1"),
+    "channels with units in brackets": headed('"Comment","Pressure","S1"', '"Time","CH1-1[kPa]","CH1-2[mV]"',
+                                              form="{:.6E}, {:.6E}, {:.6E}"),
+    "channels of which one is a pressure": headed("Time (s)\tChannel 1 (PSIG)\tChannel 2 (mV)",
+                                                  form="{:.3f}\t{:.6f}\t{:.4f}", factor=1 / 6.894757),
+    "Japanese": headed("モデル,NR-500", "サンプリング周期,20ms", "時間,圧力,センサ", "s,kPa,mV"),
+    "cycles elapsed": headed('"Total Time (s)","Elapsed Cycles","Pressure(Linear:Pressure) (kPa)","S1 (mV)"',
+                             form="{:.3f},1,{:.4f},{:.4f}"),
+    "titles in two rows": headed('"Tag","","Kanal","Wert"', '"Unit","","kPa","mV"', '"Time","Reading","",""',
+                                 form="{:.3f},7,{:.4f},{:.4f}"),
+    "a blank behind the sign": lambda run: ["Time (s),Pressure (kPa),S1 (mV)", *(
+        f"{t:.3f},{'-+'[int(p >= 0)]} {abs(p):.4f},+ {y:.4f}"
+        for t, p, y in zip(run.time_s, run.pressure_kpa, run.signal_mv, strict=True))],
+    "an interval above the columns": headed(
+        "Channel\tPressure\tS1", "Unit\tkPa\tmV", "Increment\t0.02\t0.02", "Length\t99\t99", "",
+        form="\t{1:.4f}\t{2:.4f}"),
     "an oscilloscope": headed("X,Pressure,CH2,Start,Increment,", "Sequence,KPA,mV,-3.0e+00,2.000000e-02",
                               form="{0:.0f},{1:.4f},{2:.4f},,"),
 }  # fmt: skip

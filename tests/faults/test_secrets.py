@@ -35,11 +35,11 @@ DATA = {".json", ".svg", ".csv", ".lock"}  # vectors, drawings and hashes: long 
 def suspicious(text: str, *, entropy: bool = True) -> list[str]:
     """Return what looks like a secret in a text."""
     found = [name for name, pattern in KNOWN.items() if re.search(pattern, text)]
-    words = WORD.findall(text) if entropy else []
+    words = {word for word in WORD.findall(text) if re.search(r"[0-9]", word)} if entropy else set()
     return found + [
         f"random text {word[:12]}..."
-        for word in words
-        if not HEX.fullmatch(word) and bits_per_character(word) > BITS_PER_CHARACTER and re.search(r"[0-9]", word)
+        for word in sorted(words)
+        if not HEX.fullmatch(word) and bits_per_character(word) > BITS_PER_CHARACTER
     ]
 
 

@@ -26,7 +26,7 @@ def functions_that(calls: str) -> list[tuple[Path, str]]:
     """Return every function of the program, with its source, that contains a call."""
     trees = [(path, ast.parse(source)) for path, source in sources() if calls in source]
     functions = [(path, node) for path, tree in trees for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
-    return [(path, ast.unparse(node)) for path, node in functions if calls in ast.unparse(node)]
+    return [(path, source) for path, node in functions if calls in (source := ast.unparse(node))]
 
 
 def test_every_database_connection_is_hardened() -> None:

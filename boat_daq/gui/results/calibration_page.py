@@ -16,7 +16,6 @@ from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot import Curve, Plot, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
-from boat_daq.gui.results.camera_tab import CameraTab
 from boat_daq.gui.results.certificate_panel import CertificatePanel
 from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.gui.results.figure_table import SIDE, FigureTable, KeyFigures
@@ -224,7 +223,7 @@ class CalibrationPage(QWidget):
     @property
     def plots(self) -> tuple[PlotCard, ...]:
         """The cards with plots."""
-        return (*self.curves, self.loops, self.uncertainty, self.camera.card)
+        return (*self.curves, self.loops, self.uncertainty)
 
     def _add_cards(self, sensors: int) -> None:
         """Add the cards that are missing, two in a row; a later one is copied and saved like the first."""
@@ -347,13 +346,11 @@ class CalibrationPage(QWidget):
         self.traced = controls.label("", "small", wrap=True, name="Traceability, and where U is given")
         parts = (self.uncertainty, 2), self.traced, (self.budget, 3)
         uncertainty = controls.inside(controls.column(*parts, spacing=style.GAP))
-        self.camera = CameraTab()
-        others = (self._curve_tab(), "Curve"), (controls.inside(compared), "Previous"), (self.camera, "Camera")
+        others = (self._curve_tab(), "Curve"), (controls.inside(compared), "Previous")
         pages = (self.figures, "Figures"), (uncertainty, "Uncertainty"), *others
         self.tabs = controls.tabs("Figures, and the comparison with the previous calibration", *pages)
         self.posterior = controls.label("", "small", wrap=True)
         self.run_warnings = controls.label("", "small", wrap=True)
-        self.tabs.setTabVisible(self.tabs.indexOf(self.camera), False)
         self.texts = TextArea(controls.column(self.posterior, self.run_warnings))
         return controls.card((self.tabs, 1), self.texts)[0]
 
@@ -432,18 +429,10 @@ class CalibrationPage(QWidget):
         self.figures.show_figures(result.key_figures, result.figures, labels)
         self.budget.show_rows(result.uncertainty, labels)
         self.traced.setText(self.model.uncertainty_text())
-        self._show_camera(result)
         curves = self.model.curve_rows()
         self.candidates.setHorizontalHeaderLabels(self.model.curve_headings())
         self.candidates.fill([cells for cells, _ in curves], [tip for _, tip in curves])
         self._show_texts(result)
-
-    def _show_camera(self, result: RunResult | None) -> None:
-        """Show the camera's tab for a run with one."""
-        labels = [sensor.label for sensor in result.sensors] if result is not None else []
-        camera = result.camera if result is not None else None
-        self.tabs.setTabVisible(self.tabs.indexOf(self.camera), camera is not None)
-        self.camera.show_camera(camera, labels)
 
     def _show_acceptance(self) -> None:
         """Show the warnings of the curves; out of tolerance, acceptance is possible but not the primary action."""
@@ -471,7 +460,6 @@ class CalibrationPage(QWidget):
             label.clear()
         for rows in (self.coefficients, self.candidates):
             rows.setRowCount(0)
-        self._show_camera(None)
         self.upper.setCurrentIndex(0)
         self.texts.fit()
 

@@ -17,7 +17,6 @@ from analysis.fidelity import Level, fidelity
 from analysis.figures.figure import KEY_FIGURES
 from analysis.progress import Progress, part_of
 from analysis.warning import Warning
-from boat_daq.viewmodels.results.camera import CameraResult, camera_result
 from boat_daq.viewmodels.results.figure_tables import (
     DRIFT_KEY,
     FSO_KEY,
@@ -175,7 +174,6 @@ class RunResult(RunCalibration):
     u_reason: tuple[str, ...] = ()
     traceability: Traceability | None = None
     candidates: tuple[tuple[CurveCandidate, ...], ...] = ()
-    camera: CameraResult | None = None
     key_figures: tuple[tuple[Cell, ...], ...] = ()
     preliminary: bool = False
     drift_half: float = math.nan
@@ -241,7 +239,6 @@ def _run_result(
         u_reason=found.u_reason,
         traceability=next((b.traceability for b in budgets), None),
         candidates=tuple(candidates),
-        camera=camera_result(found),
         drift_half=half_width(found.sensors, DRIFT)[0],
         spread_half=half_width(found.sensors, SPREAD)[0],
         preliminary=preliminary,

@@ -109,7 +109,7 @@ SHADOW_STUDIES = (
     ),
     Study(
         "reduced-edge", "reduced-fem", "The edge of the table", "the full model", "mm", 3.8e-3,
-        Axis("pressure", "kPa", (-60.0, -45.0, -44.0, -43.0, -40.0, -20.0, 0.0, 30.0, 50.0, 54.9, 55.1, 60.0, 90.0)),
+        Axis("pressure", "kPa", (-60.0, -44.0, -43.0, -41.0, -40.0, -20.0, 0.0, 30.0, 50.0, 54.9, 55.1, 60.0, 90.0)),
         Axis("elongation", "mm", (-6.0, -4.0, -3.6, -3.4, -2.0, 0.0, 2.0, 4.0, 4.7, 5.0, 7.0)), edge,
     ),
 )  # fmt: skip

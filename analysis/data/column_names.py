@@ -35,7 +35,7 @@ _WORDS = {
     ),
 }  # fmt: skip
 _SENSOR = re.compile(
-    r"^(?:s|sensor|signal|ch|channel|kanal|ai|sig|y)[\s_]*(\d{1,2}|[a-h])(?:[\s_]*(?:mv|v|uv|signal|voltage))?$"
+    r"^(?:s|sensor|signal|ch|channel|kanal|ai|sig|y|voltage)[\s_]*(\d{1,2}|[a-h])(?:[\s_]*(?:mv|v|uv|signal|voltage))?$"
 )
 _SIGNAL_WORDS = ("signal", "voltage", "sensor", "mv", "v", "output", "light")
 OTHER_SIGNALS = re.compile(r"\b(force|load|resistance|capacitance|wavelength|frequency|counts?|adc|\w*kraft)\b")

@@ -60,6 +60,7 @@ OWN: dict[str, Lines] = {
     "names, units, kinds": headed('"TOA5","lab","CR1000"', "TIME,Pressure,Signal", "s,kPa,mV", "Smp,Smp,Smp"),
     "blanks behind a sign": headed("# bench 3", "# time_s pressure_kpa s1_mv", form="{:.3f}\t{:.4f}\t{:.4f}"),
     "letters for sensors": headed("Time (s),Pressure (kPa),Sensor A (mV)"),
+    "voltages from zero": headed("Time\tPressure_0\tVoltage_0", form="{:.3f}\t{:.4f}\t{:.4f}"),
     "numbers from zero": headed("Time (s),Pressure (kPa),CH0 (mV)"),
     "an empty first row": headed("Time (s),Pressure (kPa),S1 (mV)", ",,", ",,"),
     "feet of water": headed("Time (s),Pressure (ft H2O),S1 (mV)", factor=1 / 2.98898, form="{:.3f},{:.6f},{:.4f}"),

@@ -219,7 +219,7 @@ class LivePage(QWidget):
         self.marker = self._marker()
         self.head = self._head()
         self.frozen = self._frozen()
-        self.plots.bar.insertWidget(2, self.frozen, 1)
+        self.plots.bar.insertWidget(self.plots.bar.indexOf(self.freeze), self.frozen)  # in its place
         above = controls.column((self.middle, 1), self.spans, spacing=style.GAP)
         height = self.sequence.sizeHint().height()
         self.run_border = Divided(
@@ -256,7 +256,6 @@ class LivePage(QWidget):
         windows = [("all" if math.isinf(s) else formatting.span(s), s) for s in WINDOWS_S]
         self.window_choice = controls.choice("Time shown", windows, self.model.set_window)
         self.freeze = controls.button("Freeze plot", self.model.toggle_freeze, tip="Recording continues (Space)")
-        self.freeze.setCheckable(True)
         for widget in (controls.label("Show", "muted"), self.window_choice, self.freeze):
             self.plots.bar.insertWidget(self.plots.bar.count() - 1, widget)
         frame, self.head_card = controls.card(controls.row(self.figure_line, None))
@@ -264,12 +263,12 @@ class LivePage(QWidget):
         return frame
 
     def _frozen(self) -> QFrame:
-        """Return the banner over plots that do not follow the data."""
+        """Return the banner of plots that do not follow the data."""
         self.follow = controls.button("Follow", self.model.toggle_freeze, tip="Show the newest data (Space)")
         mark = controls.label("FROZEN", "subtitle")
         controls.set_state(mark, "warning")
-        words = controls.label("The plots show the past. Sampling continues.", elide=True)
-        frame, inside = controls.card(controls.row(mark, (words, 1), self.follow))
+        mark.setToolTip("The plots show the past. Sampling continues.")
+        frame, inside = controls.card(controls.row(mark, self.follow))
         inside.setContentsMargins(style.GAP, 0, 0, 0)
         controls.set_state(frame, "warning", "level")
         frame.hide()
@@ -406,8 +405,8 @@ class LivePage(QWidget):
             self.guard.show(self.overlay, "The overlay", self.overlay.draw)
         if "plan_editor" in vars(self):
             self.guard.show(self.plan_editor, "The plan of segments", partial(self.plan_editor.refresh, snapshot))
-        self.freeze.setChecked(not self.model.following)
-        self.frozen.setVisible(not self.model.following and self.middle.currentWidget() is self.plots)
+        self.frozen.setVisible(not self.model.following)
+        self.freeze.setVisible(self.model.following)
         shown_s = self.model.window_s
         self.window_choice.setCurrentIndex(WINDOWS_S.index(shown_s) if shown_s in WINDOWS_S else -1)
         self.guard.show(self.plots, "The marks in the plots", partial(self._show_marks, snapshot))

@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelIndex, Qt, Signal
-from PySide6.QtGui import QFont, QGuiApplication, QKeyEvent, QKeySequence, QResizeEvent
+from PySide6.QtGui import QFont, QGuiApplication, QKeyEvent, QKeySequence, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QApplication, QBoxLayout, QCheckBox, QFrame, QHeaderView, QSizePolicy, QTableView, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
@@ -151,7 +151,7 @@ class ReadingBar(QFrame):
         self.lines.setContentsMargins(style.CARD_PADDING, upright, style.CARD_PADDING, upright)
         way = QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight
         self.lines.setDirection(way)
-        self.question.setMinimumWidth(0 if narrow else style.QUESTION_LEAST)
+        self.question.setMinimumWidth(0 if narrow else style.QUESTION_LEAST - 3 * style.STEP)
         self.question.setMaximumWidth(style.UNLIMITED if narrow else 2 * style.QUESTION_LEAST)
         self._fit()
 
@@ -159,6 +159,11 @@ class ReadingBar(QFrame):
         """Use short words where the long ones do not fit: the bar never pushes the pane aside."""
         super().resizeEvent(event)
         self._fit()
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Choose the words again: hidden, the controls have not had the sizes of the style sheet."""
+        super().showEvent(event)
+        self._fitted = ()
 
     def _fit(self) -> None:
         """Use the long words where they fit; tried once for each width and set of controls."""

@@ -36,6 +36,7 @@ MOST_OF_A_NOTE = 28  # letters beside a marker; the whole of it on hover
 WHOLE_S = 1.0  # a change that no sample tells of, such as another calibration, is seen after so long
 WHOLE_PX = 0.05  # pixels are moved by a whole number of them, up to so much
 _CHANGES = QEvent.Type.MetaCall.value  # Qt's events by which a scene has its changes repainted
+_DOT_EVERY_PX = 3  # from one dot of a limit to the next
 AROUND_PX = 2  # a line's width, and the rounding of its end
 
 
@@ -297,11 +298,15 @@ class LivePlots(PlotCard):
         if frame.predicted is None:
             for layer in (layer for layers in self.predicted.values() for layer in layers):
                 layer.clear()
-        kpa = [value for limit in self.limits_kpa for value in (limit, limit, math.nan)]
-        ends = [frame.low_s, *[frame.high_s + WHOLE_S] * 2]  # until they are drawn again
-        self.limits.set(np.array(ends * len(self.limits_kpa)), np.array(kpa))
         column_s = (frame.high_s - frame.low_s) / frame.width
-        for curve in (self.target, self.limits, *(curve for curve, _ in self.predicted.values())):
+        # dot by dot, until they are drawn again: Qt begins a long dotted line anew where what is painted begins
+        dots = _DOT_EVERY_PX * np.arange(
+            frame.low_s / column_s // _DOT_EVERY_PX, (frame.high_s + WHOLE_S) / column_s / _DOT_EVERY_PX
+        )
+        ends_s = column_s * (dots[:, None] + [0.1, 0.9, math.nan]).ravel()
+        kpa = [np.full(ends_s.size, limit) + 0.0 * ends_s for limit in self.limits_kpa]
+        self.limits.set(np.tile(ends_s, len(kpa)), np.concatenate([*kpa, []]))
+        for curve in (self.target, *(curve for curve, _ in self.predicted.values())):
             if curve.x.size:
                 curve.item.lay_dashes(curve.x[0] / column_s, curve.x[-1] / column_s)
         self.x_range(frame.low_s, frame.high_s)

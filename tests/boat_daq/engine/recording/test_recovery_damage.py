@@ -267,6 +267,7 @@ def said_by_every_reader(path: Path) -> bool:
         said = [str(error)]
         assert error.command == f"boat-daq recover {path}" or "may be missing" in str(error)
     assert said
+    assert "locking" not in f"{said} {[result.exception for result in results]}"  # SQLite's word for a log that is none
     shown = results[0].stdout
     assert "may be missing" in shown or results[0].exit_code
     assert not shown or "at least 0 samples in 1 gap" in shown

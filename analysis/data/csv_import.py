@@ -449,7 +449,7 @@ def _filled(
         title = table.names[mapping.columns[name].position]
         if periods[name]:
             values[name] = clocks.onto(time_s, time_s, values[name])
-            _note(meta, f"column {title!r} has a value in every {periods[name]}th row only: interpolated between them")
+            _note(meta, f"column {title!r} has a value in one row of {periods[name]} only: interpolated between them")
         elif held := clocks.held_period(values[name]):
             text = f"column {title!r} holds each value for {held} rows: its rate is lower than that of the file"
             if name == "pressure_kpa":

@@ -31,7 +31,7 @@ FOLDER = {
     "m16_labview_two_spaces": "",
     "m16_colon_ms": "",
     "m16_brackets": "",
-    "m17_pressure_every_10th": "every 10th row only: interpolated",
+    "m17_pressure_every_10th": "one row of 10 only: interpolated",
     "m21_segment_restart": "laid end to end",
 }
 
@@ -201,3 +201,41 @@ def test_a_kept_map_of_two_clocks_reads_them_alike(tmp_path: Path, run: Run) -> 
     again = import_csv(path, columns=first.meta["import_map"])
     np.testing.assert_array_equal(again.pressure_kpa, first.pressure_kpa)
     assert "interpolated" not in str(import_csv(path, columns={"time_s": "1"}).meta.get("import_notes"))
+
+
+def paused(run: Run, *at: int, pause_s: float) -> list[str]:
+    """Return a table that pauses before these rows."""
+    late = sum(pause_s * (np.arange(run.time_s.size) >= row) for row in at)
+    return Run(run.time_s + late, run.pressure_kpa, run.signal_mv).lines()
+
+
+def in_segments(run: Run, *at: int) -> list[str]:
+    """Return a table with a column of segments, whose clock begins again at these rows."""
+    number = np.searchsorted(at, np.arange(run.time_s.size), side="right")
+    begins = np.append(0, at)[number]
+    rows = run.lines(head="")
+    times = (run.time_s - run.time_s[begins]).tolist()
+    return ["segment," + HEAD, *(f"{n + 1},{t:.3f},{row.partition(',')[2]}" for n, t, row in zip(number, times, rows))]  # noqa: B905
+
+
+def slower(run: Run, every: int) -> list[str]:
+    """Return a table whose pressure has a value in some rows only."""
+    rows = zip(run.time_s, run.pressure_kpa, run.signal_mv, strict=True)
+    return [HEAD, *(f"{t:.3f},{'' if k % every else f'{p:.4f}'},{s:.4f}" for k, (t, p, s) in enumerate(rows))]
+
+
+ALIKE: dict[str, tuple[Lines, str]] = {
+    "two pauses in holds": (lambda run: paused(run, 1340, 2660, pause_s=12.0), "lost"),
+    "a pause of five minutes": (lambda run: paused(run, 2660, pause_s=300.0), "lost"),
+    "three segments": (lambda run: in_segments(run, 1300, 3000), "laid end to end"),
+    "five segments": (lambda run: in_segments(run, 700, 1500, 2600, 4000), "laid end to end"),
+    "every 5th row": (lambda run: slower(run, 5), "one row of 5 only"),
+    "every 2nd row": (lambda run: slower(run, 2), "one row of 2 only"),
+}
+
+
+@pytest.mark.parametrize("name", ALIKE)
+def test_other_pauses_segments_and_slow_columns(tmp_path: Path, run: Run, name: str) -> None:
+    """The figures are those of the run, and what was done is said."""
+    write, said = ALIKE[name]
+    is_the_truth(put(tmp_path, write(run)), said)

@@ -163,3 +163,14 @@ def test_the_sensors_of_twelve_are_chosen_by_hand(cases: Path) -> None:
     found = import_csv(cases / "m07_12_sensors.csv", columns={"s1_mv": "s12_mv", "s2_mv": "s9_mv"})
     assert found.n_sensors == 2
     assert found.signal_mv[0, 0] - found.signal_mv[0, 1] == pytest.approx(3.0)
+
+
+@pytest.mark.parametrize(("count", "title"), [(10, "CH{} (mV)"), (16, "Sensor {} (mV)")])
+def test_more_sensors_than_a_recording_holds_are_said(tmp_path: Path, run: Run, count: int, title: str) -> None:
+    """The first eight are taken, the others named."""
+    titles = [title.format(k) for k in range(1, count + 1)]
+    rows = [f"{row}{f',{s:.3f}' * (count - 1)}" for row, s in zip(run.lines(head=""), run.signal_mv, strict=True)]
+    found = import_csv(put(tmp_path, [",".join(["Time (s)", "Pressure (kPa)", *titles]), *rows]))
+    assert found.n_sensors == 8
+    note = f"{count} sensors, of which a recording holds 8: {title.split(' (')[0].format(9)}"
+    assert any(text.startswith(note) for text in found.meta["import_notes"])

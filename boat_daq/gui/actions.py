@@ -299,7 +299,7 @@ def help_(window: MainWindow) -> list[Command]:
 
     return [
         add("Find a command …", "Ctrl+Shift+P", window.palette_.open_fresh),
-        add("Keys", "?", window.show_keys, also="shortcuts help"),
+        add("Keys", "", window.show_keys, also="shortcuts help"),
         add("First steps", "F1", window.live.show_first_steps),
         add(
             "Tutorial",

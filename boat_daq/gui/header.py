@@ -242,7 +242,7 @@ class Navigation(QWidget):
             button.setCheckable(True)
             self._group.addButton(button)
             self.buttons[name] = button
-        keys = controls.button("?  Keys", show_keys, "nav", name="Show the keys")
+        keys = controls.button("Keys", show_keys, "nav", name="Show the keys")
         layout = controls.column(*self.buttons.values(), None, keys, spacing=0, margins=(0, style.GAP, 0, style.GAP))
         controls.surface(self, "navigation", layout)
 

@@ -100,7 +100,7 @@ def test_no_two_commands_share_keys_and_few_have_some(live):
     keys = [QKeySequence(c.shortcut).toString() for c in live.commands.actions if c.shortcut]
     assert [key for key, n in Counter(keys).items() if n > 1] == []
     entries = [action for menu in live.menuBar().actions() for action in menu.menu().actions() if action.text()]
-    assert (len(keys) <= 26, len(entries) <= 46) == (True, True), (len(keys), len(entries))
+    assert (len(keys) <= 25, len(entries) <= 46) == (True, True), (len(keys), len(entries))
 
 
 def test_metadata_are_stated_of_the_recording_in_progress(live, tmp_path):

@@ -1,8 +1,6 @@
 """Journeys that end in codes and numbers, run by `test_scrambled_text.py` as they are and with scrambled sentences.
 
-`python -m tests.system.text_journeys FOLDER short|whole` prints what came out of the scrambled ones. The short ones
-take every third fault, move the controller in steps of 0.1 s, analyse the clipped recording only, write no report and
-show the window after an abort only.
+`python -m tests.system.text_journeys FOLDER` prints what came out of the scrambled ones.
 """
 
 from __future__ import annotations
@@ -25,13 +23,13 @@ FAULTS = (
 )  # fmt: skip
 
 
-def controller(*, whole: bool) -> dict[str, Any]:
+def controller() -> dict[str, Any]:
     """A run under each fault: its state, how it ended, the kind of every message, whether pressure is forbidden."""
     from boat_daq.engine.snapshot import SessionState
     from tests.boat_daq.engine.controller_rig import QUICK, ControllerRig
 
     ended: dict[str, Any] = {}
-    for fault in ("none@0", *(FAULTS if whole else FAULTS[::3])):
+    for fault in ("none@0", *FAULTS):
         rig = ControllerRig(*[fault] * (fault != "none@0"))
         rig.run(5.0, lambda rig=rig: rig.control.up)
         if rig.control.up:
@@ -40,7 +38,7 @@ def controller(*, whole: bool) -> dict[str, Any]:
             rig.run(
                 30.0,
                 lambda rig=rig: rig.state in (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT),
-                step_s=0.05 if whole else 0.1,
+                step_s=0.05,
             )
         ended[fault] = {
             "state": rig.state,
@@ -79,7 +77,7 @@ def recording(folder: Path) -> dict[str, Any]:
     }
 
 
-def analysis(folder: Path, *, whole: bool) -> dict[str, Any]:
+def analysis(folder: Path) -> dict[str, Any]:
     """Figures, reasons and warnings of a sound and of a clipped recording; the error of a table without a spread."""
     import numpy as np
 
@@ -90,10 +88,10 @@ def analysis(folder: Path, *, whole: bool) -> dict[str, Any]:
         sound, signal_mv=np.minimum(sound.signal_mv, np.quantile(sound.signal_mv, 0.7, axis=0))
     )
     found = {}
-    for name, run in (("sound", sound), ("clipped", clipped)) if whole else [("clipped", clipped)]:
-        result = analyse(run, mcmc=whole and name == "sound")
+    for name, run in (("sound", sound), ("clipped", clipped)):
+        result = analyse(run, mcmc=name == "sound")
         found[name] = {
-            "sections": len(write_report([result], folder / f"{name}.html").sections) if whole else None,
+            "sections": len(write_report([result], folder / f"{name}.html").sections),
             "warnings": [[warning.code, warning.subject] for warning in result.warnings],
             "figures": [
                 {key: [figure.value, figure.reason] for key, figure in sensor.figures.items()}
@@ -107,7 +105,7 @@ def analysis(folder: Path, *, whole: bool) -> dict[str, Any]:
     return found
 
 
-def window(folder: Path, *, whole: bool) -> dict[str, Any]:
+def window(folder: Path) -> dict[str, Any]:
     """What the window offers on every page: with nothing connected, with a board, and after an abort."""
     from PySide6.QtWidgets import QAbstractButton
 
@@ -126,7 +124,7 @@ def window(folder: Path, *, whole: bool) -> dict[str, Any]:
     shown = window_on(session, folder)
     shown.show()
     states = {"idle": idle(), "connected": connected(), "aborted": aborted}
-    for name, snapshot in states.items() if whole else [("aborted", aborted)]:
+    for name, snapshot in states.items():
         session.shown = snapshot
         for page in PLACES:
             shown.go(page)
@@ -147,14 +145,13 @@ def window(folder: Path, *, whole: bool) -> dict[str, Any]:
     return offered
 
 
-def journeys(folder: Path, extent: str) -> str:
+def journeys(folder: Path) -> str:
     """What came out of all of them, as JSON."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    whole = extent == "whole"
     outcome: dict[str, Any] = {
-        "controller": controller(whole=whole), "recording": recording(folder),
-        "analysis": analysis(folder, whole=whole), "window": window(folder, whole=whole),
+        "controller": controller(), "recording": recording(folder),
+        "analysis": analysis(folder), "window": window(folder),
     }  # fmt: skip
     outcome["sentences"] = scrambled_text.ScrambledLoader.total
     return json.dumps(outcome, default=str).replace("NaN", "null")
@@ -162,4 +159,4 @@ def journeys(folder: Path, extent: str) -> str:
 
 if __name__ == "__main__":
     scrambled_text.install()
-    print(journeys(Path(sys.argv[1]), sys.argv[2]))
+    print(journeys(Path(sys.argv[1])))

@@ -206,7 +206,7 @@ class Operators(RuleBasedStateMachine):
 
 
 ORDERS = settings(
-    max_examples=25,
+    max_examples=15,
     stateful_step_count=25,
     deadline=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much, HealthCheck.data_too_large],

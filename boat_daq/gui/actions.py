@@ -67,16 +67,17 @@ def session(window: MainWindow) -> list[Command]:
 
         attempt(show)
 
+    first = partial(add, shortcut="", available=run.trial.possible, why=lambda: CONNECTED)
     start = partial(attempt, connection.start_virtual_board)
-    more, trial, stamp = partial(attempt, start_window), run.trial, "operator customer item serial note ambient"
+    more, stamp = partial(attempt, start_window), "operator customer item serial note ambient"
     streams = "lsl secop outlet server network"
     return [
         add("Vent now", "F4", window.vent, also="emergency release deflate"),
         add("Vent all windows now", "Shift+F4", model.windows.vent_all, also="emergency release every board"),
         add("Close what is open, else vent", "Esc", window.escape, also="cancel escape"),
         add("Connect …", "Ctrl+K", partial(model.services.show, Panel.CONNECT), apart=True, also="port serial board"),
-        add("Start the virtual board", "", start, also="demo simulate simulation"),
-        add("Quick trial", "", partial(attempt, trial.start), trial.possible, why=lambda: CONNECTED, also="demo"),
+        first("Start the virtual board", run=start, also="demo simulate simulation"),
+        first("Quick trial", run=partial(attempt, run.trial.start), also="demo"),
         add("Open a window for another board", "", more, also="second session new"),
         add("Streams and remote control …", "", window.show_outlets, also=streams),
         add("Disconnect", "", partial(attempt, connection.disconnect), has_port),

@@ -335,7 +335,8 @@ class Strip(QWidget):
         if running:
             job = running[-1]
             controls.set_text(self.work, job.counted or job.label)
-            self.work.setMaximumWidth(max(style.VENT_WIDTH, self.width() // 4))  # the rest is the message's
+            most = max(style.VENT_WIDTH, self.width() // 4) if notice is not None else style.UNLIMITED
+            self.work.setMaximumWidth(most)  # the rest is the message's
             self.bar.setToolTip(job.label)
             self.bar.setRange(0, 0 if job.fraction is None else 1000)
             self.bar.setValue(job.permille)

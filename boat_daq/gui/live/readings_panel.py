@@ -63,6 +63,7 @@ class ReadingBar(QFrame):
         self._narrow = self._short = False
         self._fitted: tuple[object, ...] = ()
         self.left = controls.label("", "muted", name="Time left for the reading, or the value taken")
+        self.left.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
         self.left.setToolTip("The run continues without a reading when its time is over")
         self.left.setFixedWidth(
             max(style.text_width(self.left.font(), text) for text in ("skipped in 0:00:00", "+88.88 taken"))

@@ -359,7 +359,7 @@ class RunsPage(QWidget):
         self._share_columns()
         self.units.fill(units, [cells[-1] for cells in units])
         self.units.setVisible(bool(units))
-        self.no_units.setVisible(not units)
+        self.no_units.setText("" if units else NO_UNITS)
         head = self.over_time.sizeHint().height() + 2 * style.CARD_PADDING
         self.cards[0].setMaximumHeight(style.UNLIMITED if units else head)
         self.below.setMaximumHeight(head if not units and self.below.currentIndex() == 0 else style.UNLIMITED)

@@ -34,6 +34,7 @@ from protocol.text.packets import parse_format
 from protocol.text.profile import load_profile
 
 LONGEST_PORT = 28
+_DIGIT = "\u2007"  # a space as wide as a digit: a longer delay moves nothing
 ENDED = (LinkState.CLOSED, LinkState.FAILED)  # a link that another one may replace
 VIRTUAL_UNITS = RISING_NAMES
 VIRTUAL_SENSORS = {"2": "", **{n: f"x{n}" for n in SENSOR_COUNTS if n != "2"}}  # -> ending of the unit's name
@@ -105,7 +106,7 @@ def _figures(snapshot: SessionSnapshot) -> tuple[tuple[str, str], ...]:
         (f"Last data {age}", "off") if age else (rate, "warning" if off else ""),
         (f"{counts.lost} lost", "warning" if counts.lost else ""),
         (f"{damaged} damaged", "warning" if damaged else ""),
-        (f"Delay {number(health.lag_ms, 0)} ms", "warning" if health.late else ""),
+        (f"Delay {number(health.lag_ms, 0)} ms".ljust(len("Delay 100 ms"), _DIGIT), "warning" if health.late else ""),
     )
 
 
@@ -270,7 +271,9 @@ class ConnectionModel:
         self._end_board()
 
     def start_virtual_board(self, unit: str = "SA1", speed: float = 1.0) -> None:
-        """Start a virtual board; `tick` connects to it once its port is known."""
+        """Start a virtual board; `tick` connects to it once its port is known. RequestError: a board is connected."""
+        if self.starting or self.session.snapshot().link not in ENDED:
+            raise RequestError("a board is connected", "Disconnect it, then start the virtual board.")
         self._end_board()
         self.board = VirtualBoardProcess(unit, speed)
         self.starting = True

@@ -153,8 +153,6 @@ class QuickTrial:
 
     def start(self) -> None:
         """Start a fast virtual board; `follow` does the rest."""
-        if not self.possible():
-            raise RequestError("a board is connected", "Disconnect it, then start the quick trial.")
         self._run.connection.start_virtual_board(speed=TRIAL_SPEED)
         self.active, self._begun = True, False
         self._run.calibration.prepare()

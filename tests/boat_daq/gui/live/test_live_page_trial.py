@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from PySide6.QtCore import Qt
@@ -94,8 +95,12 @@ def test_quick_trial_that_was_vented_or_unplugged_ends(trial, ended):
     assert "analysed" not in trial.model.armed
 
 
-def test_quick_trial_is_refused_while_a_board_is_connected(live):
-    """Its pressure would be commanded; the reason is shown."""
-    live.model.notices.attempt(live.model.run.trial.start)
-    assert live.model.notices.current().cause == "a board is connected"
-    assert (live.model.run.trial.active, live.model.connection.board) == (False, None)
+def test_virtual_board_is_refused_while_a_board_is_connected(live):
+    """A trial would command its pressure; another virtual board would end the one of this run. The reason is shown."""
+    model = live.model
+    model.connection.board = running = SimpleNamespace(unit="SA1", close=lambda: pytest.fail("ended"))
+    for start in (model.run.trial.start, model.connection.start_virtual_board):
+        model.notices.attempt(start)
+        assert model.notices.history[-1].cause == "a board is connected"
+    assert (model.run.trial.active, model.connection.board, len(model.notices.history)) == (False, running, 2)
+    model.connection.board = None

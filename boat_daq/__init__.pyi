@@ -7,7 +7,7 @@ from analysis.calibration.inverse import Inverse as Inverse
 from analysis.calibration.posterior import Posterior as Posterior
 from analysis.calibration.posterior import sample_posterior as sample_posterior
 from analysis.calibration_export.run_record import elongation_reader as elongation_reader
-from analysis.data.load import load_recording as load_recording
+from analysis.calibration_export.run_record import load_recording as load_recording
 from analysis.data.recording import Recording as Recording
 from analysis.figures.figure import Figure as Figure
 from analysis.figures.pipeline import Analysis as Analysis

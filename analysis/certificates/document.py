@@ -1,4 +1,4 @@
-"""A certificate as a document, and the writing of it: PDF/A-3 with the XML attached, or the XML alone.
+"""A certificate as a document, whose PDF/A-3 holds the XML.
 
 Rules: nothing is computed but a rounding; every page carries number, page x of y and its marks; the place of the
 signature is empty. What nobody stated is named as not stated.
@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -43,38 +42,12 @@ from analysis.reports.document import (
     SectionPart,
     power,
 )
-from analysis.reports.pdf import render_pages, write_pdf
+from analysis.reports.pdf import render_pages
 from analysis.reports.shown_units import in_units
-from protocol.base.errors import RequestError, writing
 from protocol.base.units import COVERAGE_FACTOR, NOTHING, STORED_UNITS
-from protocol.base.whole_file import write_whole
 
 _CURVE_POINTS = 101
 PREVIEW_PPI = 96.0
-
-
-def write_certificate(certificate: Certificate, path: str | Path) -> Path:
-    """Write a certificate: PDF/A-3 with the Digital Calibration Certificate attached, or that alone as XML.
-
-    Parameters
-    ----------
-    path : ends in .pdf or .xml.
-
-    Raises
-    ------
-    RequestError : another ending. FileError : it cannot be written.
-    """
-    path = Path(path)
-    kind = path.suffix.lower()
-    if kind not in (".pdf", ".xml"):
-        raise RequestError(f"{path.name} ends in neither .pdf nor .xml", "Choose one of the two.")
-    with writing(path):
-        path.parent.stat()
-        if kind == ".xml":
-            write_whole(path, dcc_xml(certificate))
-        else:
-            write_pdf(certificate_document(certificate), path)
-    return path
 
 
 def certificate_pages(certificate: Certificate) -> list[bytes]:

@@ -41,7 +41,7 @@ def certificate(
 
     Example: boat-daq certificate SA1.boat --out SA1.pdf --customer "Soft Robotics Lab" --laboratory lab.toml
     """
-    from analysis.certificates.document import write_certificate
+    from analysis.certificates.dcc import write_certificate
     from analysis.numbers import finite
     from boat_daq.workflows.certificate import CertificateOrder, certificate_for
 

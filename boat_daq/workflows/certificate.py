@@ -114,7 +114,7 @@ def calibration_before(recording: Recording) -> CalibrationRecord | None:
 
 def write_certificates(order: CertificateOrder, targets: Sequence[Path], *, progress: Progress | None = None) -> str:
     """Write a certificate to files that end in .pdf or .xml; return its number."""
-    from analysis.certificates.document import write_certificate
+    from analysis.certificates.dcc import write_certificate
 
     certificate = certificate_for(order, progress)
     for target in targets:

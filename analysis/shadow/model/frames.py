@@ -82,6 +82,10 @@ class Shadow:
         self.model = FullModel(self.parameters)
         self._last: Solution | None = None
 
+    def __repr__(self) -> str:
+        (low_kpa, high_kpa), (low_mm, high_mm) = self.table.pressure_range_kpa, self.table.elongation_range_mm
+        return f"<Shadow: {low_kpa:.1f} to {high_kpa:.1f} kPa, {low_mm:.1f} to {high_mm:.1f} mm>"
+
     @cached_property
     def topology(self) -> ShadowTopology:
         """Return the constant part of all frames."""

@@ -30,7 +30,7 @@ class GuardedController:
     """Carries out the effects of one controller."""
 
     def __init__(self, journal: Journal, send: Callable[[Command, bool], bool]) -> None:
-        self.lock = threading.RLock()
+        self.lock, self._venting = threading.RLock(), threading.RLock()
         self.controller = Controller()
         self._journal, self._send = journal, send
         self._pressures = 0  # changes before and after a pressure is sent: see `vent`
@@ -65,14 +65,15 @@ class GuardedController:
 
         Of requests within `VENTS_MERGED_S`, with nothing commanded between, one is carried out.
         """
-        before, now_s = self._pressures, time.monotonic()
         controller = self.controller
-        idle = controller.target_kpa is None and not controller.board.pending
-        if now_s - self._vented_s < VENTS_MERGED_S and before == self._vented_after and idle:
-            return
-        sent = self._send(Vent(), False)
-        if sent:
-            self._vented_s, self._vented_after = now_s, before
+        with self._venting:
+            before, now_s = self._pressures, time.monotonic()
+            idle = controller.target_kpa is None and not controller.board.pending
+            if now_s - self._vented_s < VENTS_MERGED_S and before == self._vented_after and idle:
+                return
+            sent = self._send(Vent(), False)
+            if sent:
+                self._vented_s, self._vented_after = now_s, before
         with self.acting() as control:
             # A pressure that was being sent at that instant may have left behind the vent: then vent once more.
             control.vent(cause, sent=sent and before == self._pressures)

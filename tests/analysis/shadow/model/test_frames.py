@@ -19,6 +19,7 @@ def shadow(table: ReducedModel) -> Shadow:
 def test_a_frame_holds_what_the_pane_draws(shadow: Shadow) -> None:
     """Shapes, tip, deviation and band of a measured state."""
     state = shadow.state(elongation_mm=3.5, pressure_kpa=50.0)
+    assert repr(shadow) == "<Shadow: -41.5 to 55.0 kPa, -3.4 to 4.9 mm>"
     nodes = len(shadow.topology.rest_mm)
     assert state.model == "reduced"
     assert state.nodes_mm.shape == (nodes, 2)

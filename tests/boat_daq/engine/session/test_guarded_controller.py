@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -123,7 +124,7 @@ def test_vent_alone_is_sent_once_and_again_where_it_could_not_be() -> None:
 
 
 def test_vents_of_one_instant_are_one_and_a_pressure_between_them_makes_two(monkeypatch) -> None:
-    """Of vents within 100 ms one leaves; behind a pressure, or later, the next leaves too."""
+    """Of vents within 100 ms one leaves, of several threads too; behind a pressure, or later, the next leaves too."""
     now_s = [1000.0]
     monkeypatch.setattr(guarded_controller.time, "monotonic", lambda: now_s[0])
     control, port = guarded()
@@ -137,6 +138,14 @@ def test_vents_of_one_instant_are_one_and_a_pressure_between_them_makes_two(monk
     now_s[0] += 0.11
     control.vent()
     assert port.left[-2:] == [Vent(), Vent()]
+    now_s[0] += 0.11
+    threads = [threading.Thread(target=control.vent) for _ in range(4)]
+    port.while_sending = lambda _: time.sleep(0.1)  # so that the others come meanwhile
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(5)
+    assert len(port.left) == 5
 
 
 # ---- arming and starting a recorded run ------------------------------------------------------------------------------

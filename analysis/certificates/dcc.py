@@ -12,7 +12,6 @@ import math
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -41,9 +40,8 @@ from analysis.figures.figure import SENSOR_FIGURES
 from analysis.numbers import decimals_for
 from analysis.version import program_version
 from protocol.base.arrays import FloatArray
-from protocol.base.errors import RequestError, writing
+from protocol.base.errors import RequestError
 from protocol.base.units import COVERAGE_FACTOR, find_unit, in_signal_unit
-from protocol.base.whole_file import write_whole
 
 _SCHEMA_VERSION = "3.2.1"
 DCC, _SI, XSI = "https://ptb.de/dcc", "https://ptb.de/si", "http://www.w3.org/2001/XMLSchema-instance"
@@ -70,33 +68,6 @@ _FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff
 
 for _prefix, _uri in (("dcc", DCC), ("si", _SI), ("xsi", XSI)):
     ET.register_namespace(_prefix, _uri)
-
-
-def write_certificate(certificate: Certificate, path: str | Path) -> Path:
-    """Write a certificate: PDF/A-3 with the Digital Calibration Certificate attached, or that alone as XML.
-
-    Parameters
-    ----------
-    path : ends in .pdf or .xml.
-
-    Raises
-    ------
-    RequestError : another ending. FileError : it cannot be written.
-    """
-    path = Path(path)
-    kind = path.suffix.lower()
-    if kind not in (".pdf", ".xml"):
-        raise RequestError(f"{path.name} ends in neither .pdf nor .xml", "Choose one of the two.")
-    with writing(path):
-        path.parent.stat()
-        if kind == ".xml":
-            write_whole(path, dcc_xml(certificate))
-        else:
-            from analysis.certificates.document import certificate_document
-            from analysis.reports.pdf import write_pdf
-
-            write_pdf(certificate_document(certificate), path)
-    return path
 
 
 def dcc_xml(certificate: Certificate) -> str:

@@ -41,9 +41,8 @@ def certificate(
 
     Example: boat-daq certificate SA1.boat --out SA1.pdf --customer "Soft Robotics Lab" --laboratory lab.toml
     """
-    from analysis.certificates.dcc import write_certificate
     from analysis.numbers import finite
-    from boat_daq.workflows.certificate import CertificateOrder, certificate_for
+    from boat_daq.workflows.certificate import CertificateOrder, certificate_for, write_certificate
 
     if to.suffix.lower() not in (".pdf", ".xml"):
         raise typer.BadParameter("must end in .pdf or .xml", param_hint="--out")

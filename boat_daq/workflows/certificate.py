@@ -21,7 +21,8 @@ from boat_daq.engine.settings import UnitLibrary, home
 from boat_daq.engine.stored_file import write_stored
 from boat_daq.engine.toml_values import build, parse_toml, read_text
 from boat_daq.workflows.calibration_in_force import accepted_records, chosen_curve, stated_contributions
-from protocol.base.errors import RequestError
+from protocol.base.errors import RequestError, writing
+from protocol.base.whole_file import write_whole
 
 if TYPE_CHECKING:
     from analysis.certificates.certificate import Certificate, Request
@@ -112,10 +113,37 @@ def calibration_before(recording: Recording) -> CalibrationRecord | None:
     return next((one for one in accepted if one.recording_id != recording.identity), None)
 
 
+def write_certificate(certificate: Certificate, path: str | Path) -> Path:
+    """Write a certificate: PDF/A-3 with the Digital Calibration Certificate attached, or that alone as XML.
+
+    Parameters
+    ----------
+    path : ends in .pdf or .xml.
+
+    Raises
+    ------
+    RequestError : another ending. FileError : it cannot be written.
+    """
+    path = Path(path)
+    kind = path.suffix.lower()
+    if kind not in (".pdf", ".xml"):
+        raise RequestError(f"{path.name} ends in neither .pdf nor .xml", "Choose one of the two.")
+    with writing(path):
+        path.parent.stat()
+        if kind == ".xml":
+            from analysis.certificates.dcc import dcc_xml
+
+            write_whole(path, dcc_xml(certificate))
+        else:
+            from analysis.certificates.document import certificate_document
+            from analysis.reports.pdf import write_pdf
+
+            write_pdf(certificate_document(certificate), path)
+    return path
+
+
 def write_certificates(order: CertificateOrder, targets: Sequence[Path], *, progress: Progress | None = None) -> str:
     """Write a certificate to files that end in .pdf or .xml; return its number."""
-    from analysis.certificates.dcc import write_certificate
-
     certificate = certificate_for(order, progress)
     for target in targets:
         write_certificate(certificate, target)

@@ -12,9 +12,10 @@ import pytest
 
 from analysis import Analysis
 from analysis.certificates.certificate import certificate_of
-from analysis.certificates.dcc import dcc_xml, write_certificate
+from analysis.certificates.dcc import dcc_xml
 from analysis.certificates.document import certificate_document
 from analysis.reports.document import ReportTable
+from boat_daq.workflows.certificate import write_certificate
 from protocol.base.errors import BoatDaqError
 from tests.analysis.certificates.conftest import REQUEST, with_meta
 

@@ -144,7 +144,7 @@ class ShortcutSheet(QDialog):
         for i, command in enumerate(lines, 1):
             block.addWidget(controls.label(shown(command), "muted"), i, 0)
             block.addWidget(controls.label(command.text), i, 1)
-        block.setColumnMinimumWidth(0, style.text_width(style.font(), "Ctrl+Shift+P"))  # the same in each block
+        block.setColumnMinimumWidth(0, style.text_width(style.font(), "Ctrl+Shift+Z"))  # the same in each block
         block.setColumnStretch(1, 1)
         return block
 

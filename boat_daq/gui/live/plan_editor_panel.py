@@ -114,6 +114,8 @@ class PlanEditorPanel(QDialog):
             return
         self._shown = shown
         self.convert.setVisible(not model.editable)
+        for part in (self.area, self.tools):
+            part.setVisible(model.editable)
         controls.set_text(self.summary, LOCKED if locked else model.summary if model.editable else NOT_SEGMENTS)
         for key, field in self.fields.items():
             value = getattr(model.plan, key)

@@ -35,6 +35,8 @@ class MetadataForm(QDialog):
         self.free.setAcceptDrops(False)
         rows = [(labels[key], field, "") for key, field in self.fields.items()]
         form = controls.form([*rows, ("Fields of your own", self.free, "")])
+        form.setColumnStretch(0, 0)  # the names are short; the texts take the rest
+        form.setColumnStretch(1, 1)
         buttons = controls.row(
             controls.button("Close", self.close), None, controls.button("Store", self._save, "primary")
         )

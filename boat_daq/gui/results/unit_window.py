@@ -63,6 +63,7 @@ class UnitWindow(QDialog):
             card.copy_wanted.connect(like.copy_wanted)
             card.save_wanted.connect(like.save_wanted)
             card.paint_theme(like.theme)
+            card.show_empty("Loading \u2026")
             grid.addWidget(card, place // 2, place % 2)
         self.due = controls.label("Reading the calibrations \u2026", "subtitle", wrap=True, name="When it is due again")
         self.sensor = controls.choice("Sensor of the curves", (("Sensor 1", 0),), self._draw_curves)
@@ -84,6 +85,7 @@ class UnitWindow(QDialog):
         found = self.model.found
         if self._shown is None and self.model.failed:
             self.due.setText(self.model.failed)
+            self._say("Nothing to show.")
         if found is None or found is self._shown:
             return
         self._shown = found
@@ -97,12 +99,15 @@ class UnitWindow(QDialog):
         self.sensor.clear()
         for number in range(1, len(found.histories) + 1):
             self.sensor.addItem(f"Sensor {number}", number - 1)
+        self._say("No accepted calibration." if found.void else "")
         if found.void:
-            for card in self.cards.values():
-                card.show_empty("No accepted calibration.")
             return
         self._draw_curves(0)
         self._draw_times()
+
+    def _say(self, text: str) -> None:
+        for card in self.cards.values():
+            card.show_empty(text)
 
     def _report(self) -> None:
         ask_save(self, self.services, f"{self.model.name} over time", "pdf html", self.model.report, done="")

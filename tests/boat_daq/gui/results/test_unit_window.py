@@ -21,6 +21,7 @@ def window_of(live, found) -> UnitWindow:
     )  # fmt: skip
     live.go("Recordings")
     window = UnitWindow(live, model, live.model.services, live.pages["Recordings"].compare_card)
+    assert {card.empty_text.text() for card in window.cards.values()} == {"Loading \u2026"}
     window.timerEvent()
     return window
 
@@ -37,6 +38,7 @@ def test_unit_is_shown_over_time(live):
     assert window.table.rowCount() == 6
     assert not window.simulated.isHidden()
     assert window.due.text().startswith("Due again 2026")
+    assert all(card.empty_text.isHidden() for card in window.cards.values())
     assert window.sensor.count() == 2
     window.sensor.setCurrentIndex(1)
     assert window.save.isEnabled()

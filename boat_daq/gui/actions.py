@@ -183,7 +183,7 @@ def run(window: MainWindow) -> list[Command]:
         add("Edit a plan of segments …", "", live.edit_segments, also="step ramp sine loop profile"),
         seldom("Open a plan …", live.plan.open),
         seldom("Save the plan …", live.plan.save),
-        seldom("Edit the plan", live.show_plan),
+        seldom("Edit the plan", live.show_plan, also="cycles staircase highest lowest wait readings"),
     ]
 
 

@@ -18,7 +18,7 @@ from boat_daq.gui.live.camera_panel import CameraPanel
 from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.data_table import dress
 from boat_daq.gui.widgets.file_dialogs import ask_open
-from boat_daq.viewmodels.common.notices import Notices, Severity
+from boat_daq.viewmodels.common.notices import Notice, Notices, Severity
 from boat_daq.viewmodels.common.services import Panel, Services
 from boat_daq.viewmodels.live.readings import SOON_S, TABLE_COLUMNS, ReadingsModel, Row
 from boat_daq.viewmodels.live.run_model import RunModel
@@ -42,6 +42,7 @@ class ReadingBar(QFrame):
         super().__init__()
         self.run, self.notices = run, services.notices
         self.step_id: int | None = None
+        self._refusal: Notice | None = None
         self._due = ""  # the question of the plateau
         self._doubted: tuple[int | None, str] | None = None  # what Enter takes when it is pressed again
         self.question = controls.label("", "set", name="Reading that is due", elide=True)
@@ -127,6 +128,7 @@ class ReadingBar(QFrame):
 
     def _leave(self) -> None:
         """Keep what was typed for the plateau before with that plateau, report it and offer to enter it."""
+        self.notices.dismiss(self._refusal)
         step, text, readings = self.step_id, self.field.text(), self.run.readings
         at = readings.leave(step, text) if step is not None else ""
         if at and step is not None:
@@ -197,11 +199,16 @@ class ReadingBar(QFrame):
         if self._doubted != (step, text) and self.run.readings.warning(step, text):
             self._doubted = step, text
             self._ask()
+            self.field.selectAll()  # what is typed next replaces it
             return
+        self.notices.dismiss(self._refusal)
         kept = self.notices.attempt(lambda: self.run.readings.enter(step, text))
-        controls.set_state(self.field, "" if kept else "true", "wrong")
+        self._refusal = None if kept else self.notices.history[-1]
         if kept:
             self.field.setText("")
+        else:
+            self.field.selectAll()
+        controls.set_state(self.field, "" if kept else "true", "wrong")
 
 
 def side(column: int) -> Qt.AlignmentFlag:

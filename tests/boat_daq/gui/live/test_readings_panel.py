@@ -209,7 +209,10 @@ def test_implausible_reading_is_warned_of_beside_its_field(running):
     running.model.readings._nominal = lambda kpa: (0.07 * kpa, 0.55)
     bar = running.live.reading
     at_plateau(running, ASKED)
-    QTest.keyClicks(bar.field, "1")
+    QTest.keyClicks(bar.field, "3.9.1")
+    QTest.keyClick(bar.field, Qt.Key.Key_Return)
+    assert running.model.notices.current().cause == "'3.9.1' is not a length"
+    QTest.keyClicks(bar.field, "1")  # in its place
     assert bar.question.property("state") == ""
     QTest.keyClicks(bar.field, "4")
     assert bar.question.text() == "\u25b2 +14.00 mm? Model +1.4 \u00b11.1 mm"
@@ -222,12 +225,12 @@ def test_implausible_reading_is_warned_of_beside_its_field(running):
     assert running.model.session.kept == []
     assert (bar.question.shorter, bar.unit.text()) == ("\u25b2 Model +1.4 \u00b11.1 mm", "mm, Enter again")
     assert "\u2026" not in bar.question.fitting(bar.question.width())
-    QTest.keyClicks(bar.field, "0")
-    QTest.keyClick(bar.field, Qt.Key.Key_Backspace)
+    QTest.keyClicks(bar.field, "14")  # in its place
     QTest.keyClick(bar.field, Qt.Key.Key_Return)
     assert running.model.session.kept == []
     QTest.keyClick(bar.field, Qt.Key.Key_Return)
     assert running.model.session.kept[-1].elongation_mm == 14.0
+    assert running.model.notices.current() is None  # the refusal is over
     assert (bar.question.property("state"), bar.field.accessibleDescription()) == ("", "")
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import argparse
+import itertools
 import json
 import re
 from pathlib import Path
@@ -11,11 +13,19 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from analysis.optics.scene.parameters import Light
+from analysis.optics.sweep.figure_of_merit import merit
+from analysis.optics.sweep.sweep import SweepRequest, paper_grid, run_sweep
 from analysis.shadow.model.full import MESH_ERROR_PERCENT
+from analysis.shadow.model.reduced import ReducedModel
 from analysis.shadow.model.table import load_table
 from analysis.signal_prediction.prediction import published_prediction
 from boat_daq.cli import app
 from tests.docs.pages import ROOT
+from tests.verification.alarm_delays import FAULTS, delays
+from tests.verification.mesh_error import errors
+from tests.verification.polarisation import more_percent
+from tests.verification.sensing_principle import FOUND, drawn, repeated
 
 OPTICS, PAPER = "docs/reproduction/optics.md", "docs/reproduction/paper.md"
 SHADOW, TRACER = "analysis/shadow/METHODS.md", "analysis/optics/METHODS.md"
@@ -75,6 +85,62 @@ def test_errors_of_the_shadow_are_those_of_shadow_solve_and_table() -> None:
     says(SHADOW, f"{low:.1f} to {high:+.0f} kPa and {least:.1f} to {greatest:+.1f} mm")
     _, u = load_table().nominal_elongation(np.array([50.0, -40.0]))
     says(SHADOW, f"u = {u[0]:.3f} mm at +50 kPa and {u[1]:.3f} mm at -40 kPa")
+
+
+def test_no_design_of_figure_3d_falls_throughout() -> None:
+    """Else P as printed were infinite there, and a map divided by its maximum could not be drawn."""
+    designs = tuple(one for one in paper_grid() if (one.cavities, one.width_mm) == (5, 1.0))
+    assert len(designs) == 36
+    for rays in (250, 1000):
+        found = run_sweep(SweepRequest(designs, light=Light().with_rays(rays)))
+        assert np.all(merit(found.ndr, found.floor).n_sign > 0)
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(1800)
+def test_error_of_the_mesh_is_that_of_random_actuators() -> None:
+    """95 % of 150."""
+    found, true = errors(150)
+    assert f"{np.quantile(100.0 * found / np.maximum(np.abs(true), 0.1), 0.95):.1f}" == f"{MESH_ERROR_PERCENT:g}"
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(600)
+def test_delays_of_alarms(table: ReducedModel) -> None:
+    """90 % of nine runs."""
+    cycles = [round(float(np.percentile(delays(name, table), 90))) for name in FAULTS]
+    says(SHADOW, "within {} staircases or {} continuous cycles, a softening of 5 % in".format(*cycles))
+    says(SHADOW, "in 50 cycles within {}, sensors 4 mV apart within {}.".format(*cycles[2:]))
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(1800)
+def test_more_light_with_both_polarisations() -> None:
+    """The least and the greatest of six scenes."""
+    found = more_percent()
+    says(TRACER, f"{min(found):.1f} to {max(found):.1f} % more power is detected (")
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(1800)
+def test_guides_found_are_those_of_the_search() -> None:
+    """The first 64 actuators drawn, and both guides found, on the mesh of the search and on that of the shadow."""
+    first = itertools.islice(drawn(argparse.Namespace(rays=50)), 64)
+    growths = [guide.curvature_growth for _, guides in first for guide in guides]
+    assert len(growths) > 64
+    assert max(growths) < 0.0
+    (_, (bent,)), (outcome, _), *lit = repeated(argparse.Namespace(again=FOUND, rays=50_000))
+    end_mm = bent.actuator.guide_end_mm
+    says(OPTICS, f"reaches {100.0 * bent.curvature_growth:+.1f} %, with end pieces of {end_mm:.0f} mm")
+    assert outcome == "unstable above -40 kPa"
+    (best, limit), (finer, _) = [(max(guides, key=lambda each: min(each.r2)), guides[0].limit_kpa) for _, guides in lit]
+    says(OPTICS, f"with R² {min(best.r2):.3f} ({min(finer.r2):.3f} on the shadow's mesh)")
+    assert limit < -55.0
+    one = best.actuator
+    says(OPTICS, f"{one.cells} cells, a belly of {one.belly_radius_mm:.1f} mm, a wall of {one.wall_mm:.1f} mm, ")
+    says(OPTICS, f"guides {one.guide_bow_mm:.0f} mm from the axis and end pieces of {one.guide_end_mm:.0f} mm")
+    low = (18.34 - one.lattice_modulus_kpa) / 1.86
+    says(OPTICS, f"{one.lattice_modulus_kpa:.1f} kPa, lies {low:.1f} standard deviations low")
 
 
 @pytest.mark.nightly

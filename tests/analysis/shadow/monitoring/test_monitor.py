@@ -18,17 +18,9 @@ from analysis.shadow.monitoring.monitor import (
     pressure_residual_kpa,
 )
 from protocol.base.errors import DataError, RequestError
-from tests.analysis.shadow.simulated_actuator import Fault, Run, run_actuator
+from tests.analysis.shadow.simulated_actuator import Fault, run_actuator
 from tests.conftest import mostly_at_night
-
-UNITS = ("SA1", "SA2", "SA3")
-
-
-def alarms_of(table: ReducedModel, run: Run) -> list[Alarm]:
-    """All alarms of a run."""
-    monitor = Monitor(table)
-    figures = (monitor.figures(run.time_s[c], run.pressure_kpa[c], run.elongations_mm[c]) for c in run.cycles)
-    return [alarm for one in figures for alarm in monitor.take(one)]
+from tests.verification.alarm_delays import UNITS, alarms_of
 
 
 def test_healthy_actuator_raises_no_alarm(table: ReducedModel) -> None:
@@ -62,24 +54,6 @@ def test_leak_in_continuous_cycles(table: ReducedModel) -> None:
     assert alarms[0].fault == "leak"
     assert 21 <= alarms[0].cycle <= 35
     assert all("leak" in a.may_follow_from for a in alarms[1:])
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize(
-    ("staircase", "begins", "cycles", "median", "most"), [(False, 30, 55, 10, 14), (True, 10, 24, 6, 8)]
-)
-def test_delays_of_a_leak(
-    table: ReducedModel, staircase: bool, begins: int, cycles: int, median: int, most: int
-) -> None:
-    """Median and 90 % of the delay, in cycles, over three units; each first alarm is a leak."""
-    fault, delays = Fault(begins=begins, leak_percent_per_min=2.0), []
-    for k in range(9):
-        run = run_actuator(cycles, fault, staircase=staircase, seed=20 + k, unit_name=UNITS[k % 3])
-        first = alarms_of(table, run)[0]
-        assert first.fault == "leak"
-        delays.append(first.cycle - begins)
-    assert 1 <= np.median(delays) <= median
-    assert np.percentile(delays, 90) <= most
 
 
 @pytest.mark.parametrize(("percent", "named"), mostly_at_night((5.0, "softening"), (-5.0, "stiffening")))

@@ -202,12 +202,14 @@ class Controller:
         """Begin the armed plan: pre-flight, limits and watchdog, then the first step."""
         if self.sequencer.state is not SessionState.ARMED:
             raise RequestError(f"cannot start while the run is {self.sequencer.state}", "arm a plan first")
+        self._require_speed_of_run()
         self._once_guarded(lambda: self._begin_run(self.sequencer.start), extra)
 
     def resume(self) -> None:
         """Resume after a pause, with the same checks as at the start."""
         if self.sequencer.state is not SessionState.PAUSED:
             raise RequestError(f"cannot resume while the run is {self.sequencer.state}")
+        self._require_speed_of_run()
         self._once_guarded(lambda: self._begin_run(self.sequencer.resume))
 
     def pause(self) -> None:
@@ -436,11 +438,14 @@ class Controller:
         if plan is not None and plan.controls_elongation:
             assert self._regulator is not None  # `arm` requires it
             regulator, hold = self._regulator
-            self._require_speed()
             self._close_loop(regulator, hold=hold)
             if self.loop is None:
                 return
         begin()
+
+    def _require_speed_of_run(self) -> None:
+        if self.sequencer.plan is not None and self.sequencer.plan.controls_elongation:
+            self._require_speed()
 
     def _require_speed(self) -> None:
         speed = self.board.meter.speed

@@ -100,8 +100,12 @@ def test_what_makes_no_control_is_refused_before_anything_moves():
 
 def test_a_board_far_faster_than_real_time_is_refused():
     rig = ControllerRig(speed=50.0).connected()
+    plan = Plan("mm", "profile", 1, quantity="mm", segments=(Segment("step", 1.0, hold_s=1.0),))
     with pytest.raises(RequestError, match="times real time"):
         rig.control.control_elongation(1.0, regulator())
+    rig.control.arm(plan, regulator=regulator())
+    with pytest.raises(RequestError, match="times real time"):
+        rig.control.start()
 
 
 @pytest.mark.parametrize(

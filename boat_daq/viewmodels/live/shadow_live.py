@@ -64,6 +64,10 @@ class ShadowPicture:
     measured_mm: float
 
 
+BEYOND_KPA = 1.0
+"""The interlock allows a little more vacuum than the table holds."""
+
+
 @dataclass(frozen=True, slots=True)
 class Moment:
     """The current measurement: pressure (kPa), elongation and U (k = 2, mm); NaN where unknown.
@@ -196,15 +200,21 @@ class ShadowLive:
         )
 
     def _place(self, now: Moment) -> tuple[float, float] | None:
-        """Return pressure (kPa) and elongation (mm) of the state drawn; None outside the table, or without a model."""
+        """Return pressure (kPa) and elongation (mm) of the state drawn; None outside the table, or without a model.
+
+        Just beyond its last pressure the state there is drawn.
+        """
         if self.model is None:
             return None
         if not math.isfinite(now.pressure):
             return 0.0, 0.0
-        pressure = np.array(now.pressure)
+        low, high = self.model.table.pressure_range_kpa.tolist()
+        kpa = min(max(now.pressure, low), high)
+        if abs(kpa - now.pressure) > BEYOND_KPA:
+            return None
+        pressure = np.array(kpa)
         mm = now.measured if math.isfinite(now.measured) else float(self.model.table.nominal_elongation(pressure)[0])
-        held = math.isfinite(mm) and bool(self.model.table.holds(pressure, np.array(mm)))
-        return (now.pressure, mm) if held else None
+        return (kpa, mm) if self.model.table.holds(pressure, np.array(mm)) else None
 
     def _elements(self, state: ShadowState) -> tuple[FloatArray, NDArray[np.int64]]:
         """Return the elements of both halves with their colour steps."""
@@ -226,6 +236,9 @@ class ShadowLive:
             return (*lines, ("Shadow", waits, ""))
         if place is None:
             text = f"\u25b2 not drawn: outside the reduced model ({self.model.table.rectangle})"
+            return (*lines, ("Shadow", text.replace("-", MINUS), "warning"))
+        if math.isfinite(now.pressure) and place[0] != now.pressure:
+            text = f"\u25b2 drawn at {place[0]:.1f} kPa, the model's last state"
             return (*lines, ("Shadow", text.replace("-", MINUS), "warning"))
         (nominal,), (half,) = (value.tolist() for value in self._nominal(self.model, np.array([place[0]])))
         lines.append(("Model", in_units(self._live.units, "mm", nominal, 2, band=half), ""))

@@ -73,6 +73,16 @@ def test_state_outside_the_table_is_reported(ring, model):
     assert text.startswith("\u25b2 not drawn: outside the reduced model (\u221241.5 .. 55.0 kPa")
 
 
+def test_last_state_is_drawn_just_beyond_the_table(ring, model):
+    """Between the table's -41.5 kPa and the -42 kPa that the interlock allows; farther out nothing is drawn."""
+    pane = pane_on(ring, model, None)
+    pane.now = lambda: Moment(-41.8, -2.8, 0.3, True)
+    assert pane.picture().corners[..., 1].max() == pytest.approx(75.0 - 2.8, abs=0.01)
+    assert pane.lines()[-1] == ("Shadow", "\u25b2 drawn at \u221241.5 kPa, the model's last state", "warning")
+    pane.now = lambda: Moment(-43.0, -2.8, 0.3, True)
+    assert pane.picture().corners.size == 0
+
+
 def test_nan_from_the_calibration_is_reported(ring, model):
     """Outside the calibration the nominal actuator is drawn with the reason; disagreeing sensors are reported."""
 

@@ -45,7 +45,7 @@ _STOPS = {
         "check the sensors, or choose setpoints further inside the range",
     ),
     StopCode.UNCERTAIN: (
-        "the uncertainty of the elongation is {u:.2f} mm (nan: not known), its bound {bound:g} mm",
+        "the uncertainty of the elongation is {u}, its bound {bound:g} mm",
         "choose setpoints where the sensors are steeper, or raise the bound",
     ),
     StopCode.NOT_FOLLOWING: (
@@ -229,5 +229,6 @@ class ElongationController:
             self._lasted_s[code] = self._lasted_s[code] + dt_s if now else 0.0
             if self._lasted_s[code] > (bounds.follow_s if code is StopCode.NOT_FOLLOWING else bounds.debounce_s):
                 cause, remedy = _STOPS[code]
-                return code, cause.format(u=found.u_mm, bound=bounds.u_mm, away=-error), remedy
+                u = f"{found.u_mm:.2g} mm" if math.isfinite(found.u_mm) else "not known"
+                return code, cause.format(u=u, bound=bounds.u_mm, away=-error), remedy
         return None, "", ""

@@ -158,6 +158,31 @@ def test_a_lost_link_gives_no_value_as_one_of_now() -> None:
     assert next(node.answer("read s1")).startswith("reply s1 ")
 
 
+def test_a_pressure_is_busy_until_it_holds() -> None:
+    """Its status follows the board; before, no pressure is commanded, and a refusal names the remedy."""
+    rig = ControllerRig().connected()
+    node = SecopNode(RigSession(rig), Path("none"), allow_control=True)
+
+    def ask(line: str) -> list[Any]:
+        answer: list[Any] = json.loads(next(node.answer(line, may_control=True)).split(" ", 2)[2])
+        rig.flush()
+        return answer
+
+    assert ask("read pressure:status")[0] == [100, "idle"]
+    assert ask("read pressure:target")[0] == 0.0
+    assert ask("change pressure:_ramp 0.05")[:2] == ["RangeError", "0.05 is outside 0.1 to 100"]
+    assert ask("change pressure:target 10")[0] == 10.0
+    rig.run(1.0)
+    assert ask("read pressure:status")[0] == [300, "ramping"]
+    assert ask("read pressure:target")[0] == 10.0
+    rig.run(3.0)
+    assert ask("read pressure:status")[0] == [100, "holding"]
+    assert ask('do recording:_start "run"')[1] == "none/run.boat is not recorded here; use a session"
+    progress = node.description()["modules"]["sequence"]["accessibles"]["_progress"]["datainfo"]
+    assert progress == {"type": "double", "min": 0.0, "max": 1.0}
+    assert list(node.modules)[:3] == ["s1", "s2", "elongation"]
+
+
 class TestRandomRequests(Clients.TestCase):  # type: ignore[misc, name-defined]
     """What every change must pass."""
 

@@ -74,11 +74,15 @@ class Palette(QDialog):
 
     def _match(self, text: str) -> None:
         self.list.clear()
-        able = [c for c in self.registry.actions if c.available()]
-        found = ranked(text, able, lambda c: f"{c.menu} {c.text} {c.also}")
-        for command in sorted(found, key=lambda c: c.text.lower() != text.strip().lower()):  # an exact name first
-            item = QTreeWidgetItem([command.text, shown(command)])
+        able = {command: command.available() for command in self.registry.actions}
+        asked = [command for command in able if able[command] or text.strip()]
+        found = ranked(text, asked, lambda c: f"{c.menu} {c.text} {c.also}")
+        for command in sorted(found, key=lambda c: (c.text.lower() != text.strip().lower(), not able[c])):
+            item = QTreeWidgetItem([command.text, shown(command) if able[command] else "not now"])
             item.setData(0, Qt.ItemDataRole.UserRole, command)
+            if not able[command]:  # else what is alike would run in its place
+                for column in range(2):
+                    item.setForeground(column, self.palette().placeholderText())
             self.list.addTopLevelItem(item)
         first = self.list.topLevelItem(0)
         if first is not None:

@@ -43,6 +43,9 @@ def test_palette_finds_synonyms(live):
     ):  # fmt: skip
         palette._match(typed)
         assert palette.list.topLevelItem(0).text(0) == meant, typed
+    palette._match("accept")  # once this ran "Save the plot" by letters scattered in its text
+    found = [palette.list.topLevelItem(i) for i in range(palette.list.topLevelItemCount())]
+    assert [(item.text(0), item.text(1)) for item in found] == [("Accept the calibration", "not now")]
 
 
 @pytest.mark.parametrize("width", mostly_at_night(NARROW, 1280))

@@ -51,7 +51,10 @@ def _run_texts(run: SegmentedRun) -> Iterator[tuple[WarningCode, str]]:
     if recording.simulated:
         yield WarningCode.SIMULATED, "recorded from the virtual board: SIMULATED"
     if recording.gaps:
-        yield WarningCode.GAPS, f"{recording.lost} samples lost in {len(recording.gaps)} gaps"
+        yield (
+            WarningCode.GAPS,
+            f"{recording.lost} samples lost in {len(recording.gaps)} gap{'s' * (len(recording.gaps) > 1)}",
+        )
     imported = [*meta.get("import_notes", ()), *meta.get("import_issues", ())]
     for text in imported[:MOST_OF_AN_IMPORT]:
         yield WarningCode.IMPORT, str(text)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import matplotlib as mpl
@@ -193,9 +194,14 @@ def uncertainty_over_x(u_elongation: Sequence[FloatArray], ax: Axes) -> None:
 
 
 def trace(analysis: Analysis, ax: Axes) -> None:
-    """Pressure over time, thinned to its extremes, complete cycles shaded in turn."""
+    """Pressure over time, thinned to its extremes, broken at gaps, complete cycles shaded in turn."""
     recording = analysis.recording
-    time, low, high = envelope(recording.time_s, recording.pressure_kpa, TRACE_POINTS // 2)
+    edges = [0, *(gap.row + 1 for gap in recording.gaps), recording.n]
+    pieces = [
+        envelope(recording.time_s[i:j], recording.pressure_kpa[i:j], max(2, TRACE_POINTS // 2 * (j - i) // recording.n))
+        for i, j in pairwise(edges)
+    ]
+    time, low, high = (np.concatenate([np.append(piece[k], np.nan) for piece in pieces]) for k in range(3))
     ax.fill_between(time, low, high, color=style.PRESSURE_COLOUR, linewidth=0.6, edgecolor=style.PRESSURE_COLOUR)
     shaded = ((analysis.cycles.used[::2], style.LINE, 0.35), (analysis.cycles.partial, style.WARNING, 0.15))
     for stretches, colour, alpha in shaded:

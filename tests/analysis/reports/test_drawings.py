@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import matplotlib as mpl
 import numpy as np
@@ -36,6 +37,19 @@ def test_a_continuous_run_whose_sensors_see_nothing_draws_without_a_warning(tmp_
         assert as_svg(ReportDrawing((draw,), ""), 7.0)[0].startswith("<svg")
     write_report([analysis], tmp_path / "r.html")
     assert "<svg" in (tmp_path / "r.html").read_text(encoding="utf-8")
+
+
+def test_the_trace_is_broken_at_a_gap() -> None:
+    """Samples lost from 3 to 6 s, the pressure 0 kPa before and 40 kPa after: two pieces, of one value each."""
+    time = np.r_[0.0:3.0:0.01, 6.0:9.0:0.01]
+    recording = SimpleNamespace(
+        n=600, time_s=time, pressure_kpa=np.where(time < 4.0, 0.0, 40.0), gaps=(SimpleNamespace(row=299),), meta={}
+    )
+    ax = Canvas().add_subplot()
+    drawings.trace(SimpleNamespace(recording=recording, cycles=SimpleNamespace(used=(), partial=())), ax)
+    drawn = [path.get_extents() for path in ax.collections[0].get_paths()]
+    assert [(piece.y0, piece.y1) for piece in drawn] == [(0.0, 0.0), (40.0, 40.0)]
+    assert drawn[0].x1 < 3.0 < 6.0 <= drawn[1].x0
 
 
 def test_no_legend_covers_data_and_no_label_leaves_its_drawing(calibration: Analysis) -> None:

@@ -169,7 +169,7 @@ def _function(calibration: Calibration) -> tuple[SectionPart, ...]:
 
 
 def _curve(number: int, sensor: CalibratedSensor, ax: Axes) -> None:
-    calibration, colour = sensor.calibration, style.SENSOR_COLOURS[0]
+    calibration, colour = sensor.calibration, style.sensor_colour(number - 1)
     assert calibration is not None
     grid = np.linspace(*calibration.x_range, _CURVE_POINTS)
     ax.plot(grid, calibration.predict(grid), color=colour, label="calibration function")

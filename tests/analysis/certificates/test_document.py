@@ -7,10 +7,14 @@ import shutil
 import subprocess
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from analysis import Analysis
+from analysis.certificates import document
 from analysis.certificates.certificate import certificate_of
 from analysis.certificates.dcc import dcc_xml
 from analysis.certificates.document import certificate_document
@@ -89,3 +93,12 @@ def test_another_ending_is_refused(calibration: Analysis, tmp_path: Path) -> Non
         write_certificate(certificate_of([calibration], REQUEST), tmp_path / "c.docx")
     with pytest.raises(BoatDaqError, match="cannot be written"):
         write_certificate(certificate_of([calibration], REQUEST), tmp_path / "no" / "c.xml")
+
+
+@pytest.mark.parametrize(("number", "colour"), [(1, "#0072B2"), (2, "#D55E00")])
+def test_each_sensor_has_its_colour(number: int, colour: str) -> None:
+    """Blue and vermillion of Okabe and Ito, as in window and report; both were blue."""
+    ax = Figure().add_subplot()
+    calibration = SimpleNamespace(x_range=(0.0, 1.0), predict=np.sin)
+    document._curve(number, SimpleNamespace(calibration=calibration, levels=()), ax)
+    assert ax.lines[0].get_color() == colour

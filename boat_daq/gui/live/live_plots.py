@@ -21,6 +21,7 @@ from PySide6.QtWidgets import QGraphicsView, QMenu
 from boat_daq.engine.display.ring_buffer import CAMERA_U
 from boat_daq.formatting import clock, in_units
 from boat_daq.gui import style
+from boat_daq.gui.plotting.axes import GRID_AHEAD
 from boat_daq.gui.plotting.plot import Band, Curve, Layer, Plot, sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.widgets import controls
@@ -75,6 +76,7 @@ class LivePlots(PlotCard):
         self.model = model
         self.last: PlotFrame | None = None  # drawn whole, or added to it
         self.readout.setToolTip(PREDICTED_TIP)
+        self._laid_until_s = math.inf  # of the ring's time: the dots of the limits end there
         self._whole_until_s = -math.inf  # of `monotonic`: after it the picture is drawn whole again, moved or not
         self.own: dict[str, Plot] = {}  # by quantity, as many as any board so far had
         self.layers: dict[str, list[Layer]] = {}  # of a quantity, in whichever plot
@@ -246,7 +248,7 @@ class LivePlots(PlotCard):
         end_s : time of the last sample that is drawn.
         """
         boxes = [plot.item.getViewBox() for plot in self.rows]
-        if not boxes:
+        if not boxes or added.high_s > self._laid_until_s:
             return False
         low, high = boxes[0].viewRange()[0]
         pixels_a_s = boxes[0].width() / (high - low)
@@ -298,10 +300,11 @@ class LivePlots(PlotCard):
         if frame.predicted is None:
             for layer in (layer for layers in self.predicted.values() for layer in layers):
                 layer.clear()
-        column_s = (frame.high_s - frame.low_s) / frame.width
+        span_s = frame.high_s - frame.low_s
+        column_s, self._laid_until_s = span_s / frame.width, frame.high_s + max(WHOLE_S, GRID_AHEAD * span_s)
         # dot by dot, until they are drawn again: Qt begins a long dotted line anew where what is painted begins
         dots = _DOT_EVERY_PX * np.arange(
-            frame.low_s / column_s // _DOT_EVERY_PX, (frame.high_s + WHOLE_S) / column_s / _DOT_EVERY_PX
+            frame.low_s / column_s // _DOT_EVERY_PX, self._laid_until_s / column_s / _DOT_EVERY_PX
         )
         ends_s = column_s * (dots[:, None] + [0.1, 0.9, math.nan]).ravel()
         kpa = [np.full(ends_s.size, limit) + 0.0 * ends_s for limit in self.limits_kpa]

@@ -12,7 +12,7 @@ from collections import deque
 from protocol.link.messages import Command, Heartbeat
 
 LONGEST_MS = 5000
-REAL_TIME_MS = 2000  # 1.4 s was the longest between two feedings beside eight busy processes, 1.96 s beside ten more
+REAL_TIME_MS = 3000  # 1.4 s was the longest between two feedings beside eight busy processes, 1.96 s beside ten more
 FAST = 1.5  # board time over host time above which a board is a virtual one
 SPEED_SPAN_S = 2.0
 SPEED_KNOWN_S = 0.1

@@ -313,7 +313,7 @@ def test_the_zero_of_the_pressure_sensor_is_checked() -> None:
 
 @pytest.mark.parametrize(("speed", "timeout_ms"), [(1.0, REAL_TIME_MS), (100.0, 5000)])
 def test_the_watchdog_is_fed_through_a_run_at_any_speed(speed: float, timeout_ms: int) -> None:
-    """At 1x with 2 s and at 100x with 5 s of the board's time, a healthy host never trips it."""
+    """At 1x with 3 s and at 100x with 5 s of the board's time, a healthy host never trips it."""
     rig = ControllerRig(speed=speed).running()
     assert rig.control.board.feeder.armed_ms == timeout_ms
     assert rig.run(300, lambda: rig.state is SessionState.IDLE)

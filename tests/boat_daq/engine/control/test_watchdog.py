@@ -32,7 +32,7 @@ def test_a_clock_that_goes_back_restarts_the_measurement() -> None:
     assert not meter.known and meter.speed == 1.0
 
 
-@pytest.mark.parametrize(("speed", "timeout_ms", "stall_share"), [(1.0, 2000, 0.9), (100.0, 5000, 0.85)])
+@pytest.mark.parametrize(("speed", "timeout_ms", "stall_share"), [(1.0, 3000, 0.9), (100.0, 5000, 0.85)])
 def test_the_board_never_waits_for_its_timeout(speed: float, timeout_ms: int, stall_share: float) -> None:
     """Fed when due, with one stall of the stated share of the timeout: the board's wait stays below its timeout."""
     feeder = Feeder()

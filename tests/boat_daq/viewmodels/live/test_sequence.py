@@ -147,7 +147,7 @@ def shown(**changes):
 def test_pressure_of_a_lost_board_is_unknown():
     """Unplugged at +30 kPa it was "Fault, vented": nothing tells so; the watchdog, where armed, is what vents."""
     armed = {"last": {"flags": SampleFlag.WATCHDOG_ARMED}, "state": SessionState.FAULT}
-    vents = "the board vents by its watchdog within 2 s"
+    vents = "the board vents by its watchdog within 3 s"
     assert shown(link=LinkState.LOST, **armed) == ("\u25a0 Link lost, pressure unknown", vents)
     assert shown(link=LinkState.SILENT, **armed) == ("\u25a0 No data, pressure unknown", vents)
     assert shown(link=LinkState.LOST, speed=20.0, **armed)[1].endswith("within 5 s")

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from boat_daq.engine.snapshot import LinkState
-from boat_daq.formatting import count
+from boat_daq.formatting import count, number
 from boat_daq.viewmodels.live.unit_in_use import UnitInUse
 from boat_daq.workflows.outlets import ADDRESS, NodeChoice, conversion_of, open_node, open_streams
 
@@ -112,7 +112,7 @@ class OutletsModel:
             streams = WAITING
         if self.streams is not None:
             reads = "read by a program" if self.streams.is_read else "no program reads them"
-            streams = f"{self.streams.pushed:,} samples sent, {reads}"
+            streams = f"{number(self.streams.pushed, 0)} samples sent, {reads}"
             badge.append("LSL")
         if self.serving:
             node = WAITING

@@ -77,7 +77,7 @@ def test_outlets_are_open_while_a_board_sends(tmp_path: Path, opened: list[Strea
     session.change(link=LinkState.UP)
     model.follow(session.snapshot())
     view = model.view()
-    assert view.streams == "12,345 samples sent, read by a program"
+    assert view.streams == "12\u2009345 samples sent, read by a program"
     assert view.node.endswith("read-only, 0 clients")
     assert (view.badge, view.control) == ("LSL \u00b7 SECoP 0", False)
     model.follow(session.snapshot())

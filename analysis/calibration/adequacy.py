@@ -71,7 +71,7 @@ class Adequacy:
 
     `preferred` predicts best, or is its simpler equal; `averaged` holds (weight, curve) of the reference, the chosen
     curve alone without a suspicion; `remainder` is the rms deviation of the chosen curve, in the unit of y: of an
-    adequate curve what the test leaves room for, with `limits_percent` (95 %); NaN without a test.
+    adequate curve what the test cannot exclude, with `limits_percent` (95 %); NaN without a test.
     """
 
     verdict: CurveVerdict

@@ -222,7 +222,7 @@ def nonlinearity(curves: CurveDraws) -> Figure:
 
 def lack_of_fit(adequacy: Adequacy | None, n: int) -> Figure:
     """Rms by which the curve misses the position means beyond chance, % FSO, with the verdict; of `n` readings."""
-    definition = "rms of the curve less the preferred curve / FSO; of an adequate curve what the F test leaves room for"
+    definition = "rms of the curve less the preferred curve / FSO; of an adequate curve what the F test cannot exclude"
     if adequacy is None:
         return Figure.nothing("% FSO", Reason.FEW_POSITIONS, "too few positions to test the curve", definition)
     note = f"{adequacy.verdict}: {adequacy.sentence}"

@@ -380,7 +380,7 @@ def test_log_that_begins_again_or_was_not_written_yet_is_no_damage(tmp_path: Pat
     (tmp_path / "left").mkdir()
     found = [recover(left(tmp_path / "left", *state)) for state in states]
     assert [(one.status, one.damaged, one.samples) for one in found] == [("recovered", (), count) for count in counts]
-    assert [one.log for one in found] == ["whole", "whole", "unproven"]
+    assert [(one.log, bool(one.missing)) for one in found] == [("whole", False), ("whole", False), ("unproven", True)]
 
 
 def test_frame_that_a_killed_program_had_begun_is_no_damage(killed: Killed, tmp_path: Path) -> None:

@@ -75,9 +75,8 @@ def missing(path: Path, values: NDArray[np.float64]) -> int:
     rows = np.column_stack([run.signal_mv, run.pressure_kpa])
     streamed = values[:, : rows.shape[1]]
     n = min(100, len(streamed))
-    starts = [
-        at for at in np.flatnonzero((rows == streamed[0]).all(axis=1)) if (rows[at : at + n] == streamed[:n]).all()
-    ]
+    firsts = np.flatnonzero((rows == streamed[0]).all(axis=1))
+    starts = [at for at in firsts if np.array_equal(rows[at : at + n], streamed[:n])]
     assert len(starts) == 1
     wanted = rows[starts[0] :]
     same = min(len(wanted), len(streamed))  # what came while the recording closed is in the stream alone

@@ -44,6 +44,7 @@ FOLDER = ROOT / "out" / "mutation"
 
 _SESSION = "tests/boat_daq/engine/session"
 _FIGURES, _CALIBRATION = "tests/analysis/figures", "tests/analysis/calibration"
+_OUTLETS = "tests/boat_daq/engine/outlets"
 _CONTROL, _RECORDING, _LINK = "tests/boat_daq/engine/control", "tests/boat_daq/engine/recording", "tests/protocol/link"
 MODULES: dict[str, tuple[str, ...]] = {  # the tests that reach most of a module, by coverage
     "analysis/conformity.py": ("tests/analysis/test_conformity.py", f"{_FIGURES}/test_acceptance.py"),
@@ -78,6 +79,34 @@ MODULES: dict[str, tuple[str, ...]] = {  # the tests that reach most of a module
         f"{_RECORDING}/test_{name}.py"
         for name in ("recorder", "recorder_waiting", "recorder_disk", "recorder_names", "resumption")
     ),
+    "boat_daq/engine/outlets/secop_node.py": tuple(f"{_OUTLETS}/test_secop_{name}.py" for name in ("node", "server")),
+    "boat_daq/engine/outlets/lsl.py": (f"{_OUTLETS}/test_lsl.py",),
+    **dict.fromkeys(
+        (
+            "protocol/recording/write_ahead_log.py",
+            "boat_daq/engine/recording/recovery.py",
+            *(f"boat_daq/engine/recording/salvage/{name}.py" for name in ("derive_again", "salvaged_file")),
+        ),
+        (f"{_RECORDING}/test_recovery.py", f"{_RECORDING}/test_recovery_damage.py"),
+    ),
+    "boat_daq/engine/control/controller.py": (f"{_CONTROL}/test_controller.py",),
+    "boat_daq/engine/control/board_commands.py": tuple(
+        f"{_CONTROL}/test_{name}.py" for name in ("board_commands_latest", "controller")
+    ),
+    "boat_daq/engine/control/watchdog.py": tuple(f"{_CONTROL}/test_{name}.py" for name in ("watchdog", "controller")),
+    "boat_daq/engine/control/elongation.py": (f"{_CONTROL}/test_elongation.py",),
+    "boat_daq/engine/control/plateau_dwell.py": (f"{_CONTROL}/test_plateau_dwell_drift.py",),
+    "boat_daq/engine/recording/file.py": tuple(
+        f"{_RECORDING}/test_{name}.py" for name in ("file_disk_space", "recorder", "recorder_disk", "recovery_damage")
+    ),
+    "boat_daq/engine/recording/summary.py": tuple(
+        f"{_RECORDING}/test_{name}.py" for name in ("summary", "recovery_damage")
+    ),
+    "boat_daq/engine/recording/verify.py": tuple(
+        f"{_RECORDING}/test_{name}.py" for name in ("verify", "recovery_damage")
+    ),
+    "boat_daq/engine/recording/resumption.py": (f"{_RECORDING}/test_resumption.py",),
+    "boat_daq/engine/recording/rename.py": (f"{_RECORDING}/test_rename.py",),
 }
 _COMPARISONS = {  # one relation that moves the border, one that turns it round
     "Lt": ("LtE", "GtE"), "LtE": ("Lt", "Gt"), "Gt": ("GtE", "LtE"), "GtE": ("Gt", "Lt"), "Eq": ("NotEq",),

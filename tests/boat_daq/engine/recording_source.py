@@ -19,14 +19,15 @@ from boat_daq.engine.snapshot import Reading
 from protocol import Connection, Identify, Samples, Start
 from protocol.recording import open_recording
 from protocol.simulator.board import VirtualBoard
+from protocol.simulator.faults import parse_fault
 from tests.boat_daq.engine.board_link import meta_of
 
 
 class Source:
     """Blocks of a virtual board, made on request; no thread, no port."""
 
-    def __init__(self, seed: int = 0, rate_hz: int = 100) -> None:
-        self.board = VirtualBoard(seed=seed)
+    def __init__(self, *faults: str, seed: int = 0, rate_hz: int = 100) -> None:
+        self.board = VirtualBoard(seed=seed, faults=map(parse_fault, faults))
         self.link = Connection()
         self._send(Identify())
         self.samples: list[np.ndarray] = []

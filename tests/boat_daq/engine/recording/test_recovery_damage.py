@@ -123,6 +123,14 @@ def check(killed: Killed, folder: Path, database: bytes, log: bytes) -> Recovery
     with closing(open_recording(recovery.path)) as db:
         stored = np.frombuffer(stored_samples(recovery.path), session_dtype(read_session(db)))
         assert db.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+        blocks = [
+            (n, np.frombuffer(b, stored.dtype)) for n, b in db.execute("SELECT id, samples FROM block ORDER BY id")
+        ]
+    ids = [0, *(number for number, _ in blocks)]
+    ends = [int(whole["index"][0]) - 1, *(int(block["index"][-1]) for _, block in blocks)]
+    behind = [number for (number, block), end in zip(blocks, ends[:-1], strict=True) if block["index"][0] > end + 1]
+    absent = [(n + 1, m - 1) for n, m in itertools.pairwise(ids) if n + 1 < m and m in behind]
+    assert [(first, last) for table, first, last in recovery.missing.rows if table == "block"] == absent
     position = stored["index"].astype(int) - int(whole["index"][0])
     assert (np.diff(position) > 0).all()
     again = whole[position].copy()
@@ -338,14 +346,35 @@ def test_log_beside_a_closed_recording_is_not_read(others_log: bytes, tmp_path: 
         assert (path.read_bytes(), path.with_name("run.boat-wal").read_bytes()) == (content, log)
 
 
-@pytest.mark.fault(59, how="the first and every second block of the example recording with a wrong checksum", times=1)
-def test_samples_before_an_answer_of_the_board_are_not_derived_twice(tmp_path: Path) -> None:
-    """The last chunk of the example holds samples, the answer to VENT, and samples again; segment 1 holds none."""
-    whole = stored_samples(EXAMPLE)
-    path = left(tmp_path, EXAMPLE.read_bytes(), b"")
+@pytest.fixture(scope="module")
+def clock_back(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A closed recording of a board whose clock goes back in the middle of the third of five chunks."""
+    source, path = Source("clock_back@0.9:0.5"), tmp_path_factory.mktemp("clock") / "run.boat"
+    recorder = begin(path, source)
+    for _ in range(5):
+        recorder(source.next(330_000))
+        assert recorder.flush()
+    recorder.close(RunEnd.STOPPED)
+    return path
+
+
+@pytest.mark.fault(59, how="the first and every second block of two recordings with a wrong checksum", times=2)
+@pytest.mark.parametrize("name", ["example", "clock_back"])
+def test_derived_samples_are_neither_doubled_nor_of_another_segment(
+    tmp_path: Path, request: pytest.FixtureRequest, name: str
+) -> None:
+    """The last chunk of the example holds samples, the answer to VENT, and samples again; segment 1 holds none.
+
+    In the other recording, segment 2 begins within a chunk, of which both blocks are lost.
+    """
+    recording = EXAMPLE if name == "example" else request.getfixturevalue(name)
+    whole = stored_samples(recording)
+    path = left(tmp_path, recording.read_bytes(), b"")
     with closing(sqlite3.connect(path)) as db, db:
         segments = db.execute("SELECT segment, sum(n) FROM block GROUP BY segment").fetchall()
-        db.execute("UPDATE block SET crc32 = crc32 + 1 WHERE id % 2 = 0 OR id = 1")
+        lost = "last_chunk = 3" if name == "clock_back" else "id % 2 = 0 OR id = 1"
+        db.execute(f"UPDATE block SET crc32 = crc32 + 1 WHERE {lost}")
+    assert (len(segments), len(whole) > 0) == (2 if name == "clock_back" else 1, True)
     recovery = recover(path)
     assert (recovery.status, bool(recovery.missing)) == ("salvaged", False)
     assert stored_samples(recovery.path) == whole

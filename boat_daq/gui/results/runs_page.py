@@ -154,7 +154,6 @@ class RunsPage(QWidget):
             ("resume", "Resume this run", partial(run, other.resume)),
             ("recover", "Recover", self._recover),
             None,
-            ("rename", "Rename …", self._rename),
             ("note", "Note …", self._note),
             ("marker", "Marker …", self._marker),
             ("metadata", "Metadata …", self._metadata),
@@ -287,13 +286,6 @@ class RunsPage(QWidget):
         paths = self._paths()
         ask_save(self, self.services, paths[0].stem if paths else "run", kinds, partial(save, paths), done="")
 
-    def _rename(self) -> None:
-        run = self.selected()[0]
-        rename = partial(self.model.rename, run.path)
-        words = f"New name of {run.path.name}; the files that belong to it are renamed, too. Undo: Ctrl+Z."
-        attempt = self.services.notices.attempt
-        TextDialog(self, "Rename", words, run.path.stem, "Rename", lambda text: attempt(partial(rename, text)))
-
     def _note(self) -> None:
         run = self.selected()[0]
         words = f"Note on {run.path.name}. It is added to the recording; the note before it stays in the file."
@@ -325,7 +317,7 @@ class RunsPage(QWidget):
         chosen = self.selected()
         for key in ("open", "report", "export"):
             controls.allow(self.buttons[key], obstacle(key, chosen))
-        for key in ("readings", "compare", "rename", "note", "marker", "metadata"):
+        for key in ("readings", "compare", "note", "marker", "metadata"):
             why = obstacle(key, chosen)
             self.actions_[key].setEnabled(not why)
             self.actions_[key].setStatusTip(why)

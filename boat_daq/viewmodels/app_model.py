@@ -61,7 +61,7 @@ class AppModel:
         self.windows = OpenWindows(session, lambda: self.unit.name(self.snapshot), self.notices, folder)
         self.layouts = Layouts(self.preferences, self.undo, lambda: self.unit.name(self.snapshot))
         self.live = LiveModel(lambda: session.live.ring, layout=lambda: self.layouts.current)
-        self.overlay = OverlayModel(lambda: session.live.ring, session.steps, self.live.time_of)
+        self.overlay = OverlayModel(lambda: session.live.ring, session.steps_on_screen, self.live.time_of)
         self.shadow = ShadowLive(self.live, self.jobs)
         self.disagreement = DisagreementWatch(self.live)
         self.monitor = ShadowMonitor(lambda: self.shadow.model, self.overlay)

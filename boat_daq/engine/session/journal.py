@@ -19,6 +19,7 @@ from boat_daq.engine.snapshot import LATE_MS, Message, MessageKind, Reading, Run
 from protocol.base.errors import RequestError
 
 MESSAGES = 50
+_OTHER_CLOCK = (MessageKind.BOARD_RESTARTED, MessageKind.BOARD_CLOCK)
 
 
 class Journal:
@@ -30,6 +31,7 @@ class Journal:
         self.messages: deque[Message] = deque(maxlen=MESSAGES)
         self.steps: dict[int, StepMark] = {}
         self.readings: list[Reading] = []
+        self.earlier = 0  # number of the last step on another clock than that of the samples on the screen
         self.ended: RunEnding | None = None  # the recording's last run
         self._last = 0
         self._late = False
@@ -58,6 +60,11 @@ class Journal:
         self.recorder, self.ended, self.broken = recorder, None, broken
         self.steps = {mark.number: mark for mark in broken.marks} if broken else {}
         self.readings = list(broken.readings) if broken else []
+        self.new_clock()
+
+    def new_clock(self) -> None:
+        """Note that the samples to come are on another clock than the steps so far."""
+        self.earlier = max(self.steps, default=0)
 
     def tell(self, kind: MessageKind, level: str, cause: str, remedy: str = "", command: str = "") -> None:
         """Add a message for the operator, and log it."""
@@ -76,6 +83,8 @@ class Journal:
                 if self.recorder is not None:
                     self.recorder.new_segment(reason, paused=paused)
             case ControlEvent():
+                if effect.kind in _OTHER_CLOCK:
+                    self.new_clock()
                 if effect.level:
                     self.tell(effect.kind, effect.level, effect.text, effect.remedy)
                 else:

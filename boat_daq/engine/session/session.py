@@ -222,6 +222,7 @@ class Session:
         with self._lock:
             self._link.open(port, profile, greeted=None if path is None else greeted)
             self._control.controller, self.live.ring = control, None
+            self._journal.new_clock()
             self.unit_under_test.mount(unit, stamp)
             control.hold_samples = path is not None
         given = "none" if profile is None else "given"
@@ -427,6 +428,11 @@ class Session:
         """Return the recording's steps so far, the current one last."""
         with self._lock:
             return tuple(self._journal.steps.values())
+
+    def steps_on_screen(self) -> tuple[StepMark, ...]:
+        """Return the steps so far whose times are on the clock of the samples in `live.ring`."""
+        with self._lock:
+            return tuple(mark for mark in self._journal.steps.values() if mark.number > self._journal.earlier)
 
     def resumed_after(self) -> int:
         """Return the number of the last step of the run that this recording resumes; 0 where it resumes none."""

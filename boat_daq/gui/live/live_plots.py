@@ -494,7 +494,10 @@ class LivePlots(PlotCard):
 
     def show_markers(self) -> None:
         """Draw the markers that are new."""
-        for time_s, note in self.model.markers[len(self._markers) :] if self.rows else ():
+        markers = self.model.notes()
+        if len(markers) < len(self._markers):
+            self._take_markers_away()
+        for time_s, note in markers[len(self._markers) :] if self.rows else ():
             label, dots = shortened(note) or "\u25be", Qt.PenStyle.DotLine
             line = self.first.line(lambda t: t.muted, at=time_s, vertical=True, style_=dots, label=label)
             line.label.setToolTip(note)

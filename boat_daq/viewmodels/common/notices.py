@@ -137,12 +137,17 @@ class Notices:
         return "\n".join(lines) or "No message yet."
 
     def attempt(self, action: Callable[[], object], *, done: str = "") -> bool:
-        """Run `action`; add `done` if it succeeds, its cause and remedy if not. Return whether it succeeded."""
+        """Run `action`; add `done` if it succeeds, its cause and remedy if not. Return whether it succeeded.
+
+        Success closes earlier refusals that have been read: what they named no longer stops the operator.
+        """
         try:
             action()
         except Exception as error:  # noqa: BLE001 - the outermost handler: no error of an action may end the window
             self._add_error(error)
             return False
+        now = self._clock()
+        self._open = [n for n in self._open if not n.refusal or now - n.at_s < NEW_S]
         if done:
             self.inform(done)
         return True

@@ -149,6 +149,7 @@ class LiveModel:
     units: ShownUnits = STORED_UNITS  # of the values as they are shown
     _measured: set[str] = field(default_factory=set)  # extra channels that have had a value
     layout: Callable[[], Layout] = Layout
+    _marked: RingBuffer | None = None
     _ranges: dict[str, SteadyRange] = field(default_factory=dict)
     _plots: tuple[Layout, list[str], tuple[Axes, ...]] | None = None
 
@@ -220,6 +221,15 @@ class LiveModel:
         """Return the ring's time of an instant of board time; None where the ring does not hold it."""
         ring = self.ring()
         return ring.time_of(time_us) if ring is not None else None
+
+    def notes(self) -> list[tuple[float, str]]:
+        """Return the markers; those of a previous connection are forgotten, as its samples are."""
+        ring = self.ring()
+        if ring is not None and ring is not self._marked:
+            if self._marked is not None:
+                self.markers.clear()
+            self._marked = ring
+        return self.markers
 
     def set_window(self, seconds: float) -> None:
         """Show the last `seconds` (inf: all), following the data."""

@@ -318,6 +318,6 @@ class RunModel:
         read = {key: r.elongation_mm for key, r in self.readings.latest().items() if r.elongation_mm is not None}
         return [
             (time_s, read[step.number])
-            for step in self.session.steps()
+            for step in self.session.steps_on_screen()
             if step.number in read and (time_s := self.live.time_of(step.settled_us or step.started_us)) is not None
         ]

@@ -91,6 +91,8 @@ class RecordedSession:
     def steps(self) -> tuple[StepMark, ...]:
         return self.marks
 
+    steps_on_screen = steps
+
     def readings(self) -> tuple[Reading, ...]:
         return tuple(self.kept)
 

@@ -190,7 +190,12 @@ def test_a_plateau_waits_for_its_reading(session: Session) -> None:
         session.skip_reading()
         seen = reached(session, lambda s: s.progress is not None and s.progress.step == 3, 10)
         assert seen.progress is not None and seen.progress.step == 3
+        assert session.steps_on_screen() == session.steps()
         session.stop()
+        session.disconnect()
+        reached(session, lambda s: s.link is LinkState.CLOSED, 10)
+        session.connect(board.url)  # on its clock the earlier steps have no place on the screen
+        assert session.steps() and not session.steps_on_screen()
 
 
 def test_readings_that_make_no_sense(session: Session) -> None:

@@ -19,6 +19,7 @@ from boat_daq.gui import style
 from boat_daq.viewmodels.live import axis
 from boat_daq.workflows.live_conversion import LiveElongation
 from protocol.recording import sample_dtype
+from tests.boat_daq.gui.recorded_session import filled_ring
 from tests.boat_daq.gui.windows import run_command, run_shortcut
 from tests.conftest import mostly_at_night
 
@@ -91,6 +92,9 @@ def test_marker_is_added_by_keys_and_shown(live):
     plot, line = live.live.plots._markers[0]
     assert (plot.title, line.label.format, live.model.session.calls[-1]) == ("Sensor 1", "tapped", "mark")
     assert line.value() == pytest.approx(299.99)
+    live.model.session.live.ring = filled_ring(300.0)  # of another connection, on another clock
+    live.refresh()
+    assert not live.live.plots._markers
 
 
 @pytest.mark.parametrize("height", mostly_at_night(500, 1000))

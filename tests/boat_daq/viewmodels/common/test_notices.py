@@ -53,6 +53,11 @@ def test_attempt_never_raises():
     assert not notices.attempt(lambda: 1 / 0)
     assert "ZeroDivisionError" in notices.current().details
     assert notices.attempt(lambda: None, done="Saved")
+    assert notices.waiting() == 2  # the refusal is new: it may not have been read yet
+    now[0] = 110.0
+    assert notices.attempt(lambda: None)
+    assert notices.current().details  # the operator did something else: only the fault of the program waits
+    assert notices.waiting() == 0
 
 
 def test_a_file_name_keeps_its_first_letter() -> None:

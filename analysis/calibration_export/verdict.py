@@ -167,7 +167,8 @@ class Verdict:
 def verdict_of(analysis: Analysis, limits: Mapping[str, float] | None = None) -> Verdict:
     """Return the verdict of a run; `limits` as of `acceptance.judge`, those of the user."""
     stated = limit_statements(analysis, limits)
-    if not any(sensor.calibration for sensor in analysis.sensors) and analysis.elongations is None:
+    readable = analysis.plateaus and analysis.elongations is not None
+    if not readable and not any(sensor.calibration for sensor in analysis.sensors):
         alone = Verdict(VerdictCode.LIMITS, limits=stated, limits_set=bool(limits))
         return replace(alone, state=alone.limits_state)
     missed = tuple(

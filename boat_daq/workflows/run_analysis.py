@@ -52,8 +52,10 @@ def count_plateaus(found: Analysis) -> tuple[int, int]:
     """Return the number of plateaus to be read, and of those that were.
 
     They are the steps of the run without the last; an interrupted one counts where it was read. Without steps they are
-    the plateaus of the pressure.
+    the plateaus of the pressure. Where this has none, the steps are turning points: no reading of them makes a curve.
     """
+    if not found.plateaus:
+        return 0, 0
     recording = found.recording
     passed = [bool(json.loads(str(detail) or "{}").get("passed")) for detail in recording.steps["detail"]]
     steps = recording.steps[(recording.steps["branch"] != "end") & ~np.asarray(passed, dtype=bool)]

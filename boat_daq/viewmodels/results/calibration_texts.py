@@ -84,7 +84,7 @@ def missing(result: RunResult) -> NoCurve | None:
     if lack is Lack.PLATEAUS:
         return NoCurve(
             title,
-            "No elongation can be read in it: its pressure is never constant. See its cycles in Repeatability.",
+            "A curve needs readings at constant pressures between the turning points. See its cycles in Repeatability.",
             NextStep.SHOW_REPEATABILITY,
         )
     least = f"A curve needs readings at {LEAST_ELONGATIONS} or more different elongations."

@@ -14,7 +14,10 @@ import pytest
 from analysis import load_recording
 from analysis.calibration.fit import fit_calibration
 from analysis.calibration.record import CalibrationRecord, SensorRecord
+from analysis.figures.pipeline import analyse
+from analysis.figures.sensor_analysis import Options
 from analysis.warning import Warning, WarningCode
+from boat_daq.engine.recording.closed_run import ClosedRun
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.workflows import acceptance
 from boat_daq.workflows.acceptance import (
@@ -27,11 +30,14 @@ from boat_daq.workflows.acceptance import (
     lacking,
     missed_bounds,
     obstacle_to,
+    run_calibration,
     withdraw,
 )
 from boat_daq.workflows.live_conversion import prepare
 from boat_daq.workflows.outlets import elongation_of
 from protocol.base.errors import RequestError
+from tests.analysis import boat_builder
+from tests.analysis.boat_builder import Staircase, marks_of, write_boat
 from tests.boat_daq.viewmodels.helpers import SAMPLE
 
 X = np.linspace(-2.0, 3.0, 12)
@@ -52,6 +58,26 @@ def test_a_run_without_a_curve_names_what_it_lacks_first() -> None:
         "This run has no complete cycle.", "This run has no plateaus.", "Only 1 of 12 plateaus has a reading.",
     ]  # fmt: skip
     assert lacking(RUN) is None
+
+
+@pytest.mark.parametrize("hold_s", [0.0, 2.0])
+def test_turning_points_with_readings_are_a_repeatability_run(tmp_path, hold_s: float) -> None:
+    """Steps at two levels make no curve, read or not: such a run is judged by its cycles and the limits."""
+    stairs = Staircase(cycles=3, dwell_s=hold_s, ramp_kpa_per_s=40.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(boat_builder, "LEVELS", np.array([50, -40]))
+        steps = [
+            (m.id, m.number, m.cycle, m.branch, m.target_kpa, round(m.started_s * 1e6), round(m.ended_s * 1e6))
+            for m in marks_of(stairs).itertuples()
+        ]
+        path = write_boat(tmp_path / "SA1.boat", stairs.recording(), steps=steps)
+    for elongations_mm in ({}, {n: 3.8 if n % 2 else -2.7 for n in range(1, 8)}):
+        for step, mm in elongations_mm.items():
+            ClosedRun(path).add_reading(step, mm, "typed", resolution_mm=0.1)
+        run = run_calibration(analyse(path, mcmc=False, options=Options(fidelity="draft")), path)
+        assert (run.cycles, lacking(run)) == (3, Lack.PLATEAUS)
+        assert run.verdict is not None
+        assert run.verdict.code == "limits"
 
 
 def test_each_sensor_needs_a_curve_with_an_inverse() -> None:

@@ -87,7 +87,7 @@ MODULES: dict[str, tuple[str, ...]] = {  # the tests that reach most of a module
             "boat_daq/engine/recording/recovery.py",
             *(f"boat_daq/engine/recording/salvage/{name}.py" for name in ("derive_again", "salvaged_file")),
         ),
-        (f"{_RECORDING}/test_recovery.py", f"{_RECORDING}/test_recovery_damage.py"),
+        (f"{_RECORDING}/test_recovery_damage.py",),
     ),
     "boat_daq/engine/control/controller.py": (f"{_CONTROL}/test_controller.py",),
     "boat_daq/engine/control/board_commands.py": tuple(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import json
 from pathlib import Path
@@ -17,8 +18,9 @@ from hypothesis.stateful import invariant, rule
 from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.engine.outlets.secop_node import SecopNode
 from boat_daq.engine.plan import Plan
-from boat_daq.engine.snapshot import LinkState, SessionSnapshot
+from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from protocol.base.errors import RequestError
+from protocol.link.messages import SetPressure, Vent
 from protocol.recording import channels_of, sample_dtype
 from tests.boat_daq.engine.control.test_controller_random_orders import ORDERS, Operators
 from tests.boat_daq.engine.controller_rig import QUICK, ControllerRig
@@ -36,6 +38,7 @@ class RigSession:
 
     def __init__(self, rig: ControllerRig) -> None:
         self.rig, self.live = rig, SimpleNamespace(ring=None)
+        self.snapshot_of: dict[str, Any] = {}  # what a test shows instead
         for name in ("disarm", "start", "pause", "resume", "stop", "vent", "clear_fault", "set_pressure"):
             setattr(self, name, getattr(rig.control, name))
 
@@ -45,7 +48,7 @@ class RigSession:
     def snapshot(self) -> SessionSnapshot:
         control = self.rig.control
         link, latched = LinkState.UP if control.up else LinkState.LOST, control.interlock.latched
-        return SessionSnapshot(
+        seen = SessionSnapshot(
             control.sequencer.state,
             link,
             last=control.last,
@@ -54,6 +57,7 @@ class RigSession:
             run_ended=control.sequencer.ended,
             progress=control.sequencer.progress(),
         )
+        return dataclasses.replace(seen, **self.snapshot_of)
 
     def start_recording(self, path: Path) -> None:
         raise RequestError(f"{path} is not recorded here", "use a session")
@@ -158,29 +162,127 @@ def test_a_lost_link_gives_no_value_as_one_of_now() -> None:
     assert next(node.answer("read s1")).startswith("reply s1 ")
 
 
-def test_a_pressure_is_busy_until_it_holds() -> None:
-    """Its status follows the board; before, no pressure is commanded, and a refusal names the remedy."""
-    rig = ControllerRig().connected()
-    node = SecopNode(RigSession(rig), Path("none"), allow_control=True)
+def test_every_value_follows_the_board_and_the_run() -> None:
+    """Before, while and after a pressure is commanded, in a run, and latched; a refusal names the remedy."""
+    rig = ControllerRig()
+    before = SecopNode(RigSession(rig), Path("none"))
+    assert list(before.modules)[:4] == ["s1", "s2", "elongation", "pressure"]  # nothing has been measured yet
+    assert next(before.answer("read pressure:target")).startswith("error_read pressure:target")
+    rig.connected()
+    session = RigSession(rig)
+    node = SecopNode(session, Path("none"), allow_control=True, elongation=lambda mv: (mv[0], mv[1], True))
 
     def ask(line: str) -> list[Any]:
         answer: list[Any] = json.loads(next(node.answer(line, may_control=True)).split(" ", 2)[2])
         rig.flush()
         return answer
 
-    assert ask("read pressure:status")[0] == [100, "idle"]
-    assert ask("read pressure:target")[0] == 0.0
+    def values(*names: str) -> list[Any]:
+        return [ask(f"read {name}")[0] for name in names]
+
+    s1, s2 = session.snapshot().last.signal_mv
+    assert values("s1", "s2", "elongation", "elongation:_uncertainty") == [s1, s2, s1, s2]
+    assert values("elongation:_uncertainty_stand_in", "pressure:status") == [True, [100, "idle"]]
+    assert values("pressure:target", "pressure:_ramp", "vent") == [0.0, 5.0, False]
+    assert values("s1:status", "recording", "recording:_file") == [[100, ""], False, ""]
+    assert values("sequence:status", "sequence:_progress", "sequence:_plan") == [[100, "idle"], 0.0, ""]
     assert ask("change pressure:_ramp 0.05")[:2] == ["RangeError", "0.05 is outside 0.1 to 100"]
+    assert ask("do pressure:stop")[0] is None  # nothing moves: nothing is sent
+    assert rig.sent_of(SetPressure) == []
     assert ask("change pressure:target 10")[0] == 10.0
     rig.run(1.0)
-    assert ask("read pressure:status")[0] == [300, "ramping"]
-    assert ask("read pressure:target")[0] == 10.0
+    assert values("pressure:status", "pressure:target", "vent") == [[300, "ramping"], 10.0, False]
+    assert ask("do pressure:stop")[0] is None
+    held = rig.sent_of(SetPressure)[-1]
+    assert 3.0 < held.target_pa / 1000 < 7.0
+    assert held.target_pa / 1000 == pytest.approx(session.snapshot().last.pressure_kpa, abs=0.01)
     rig.run(3.0)
-    assert ask("read pressure:status")[0] == [100, "holding"]
-    assert ask('do recording:_start "run"')[1] == "none/run.boat is not recorded here; use a session"
+    assert values("pressure:status") == [[100, "holding"]]
+    ask("do vent:_vent")
+    rig.run(3.0)
+    assert values("pressure:status", "pressure:target", "vent") == [[100, "vented"], 0.0, True]
+    for name in ("run", "run.boat"):
+        assert ask(f'do recording:_start "{name}"')[1] == "none/run.boat is not recorded here; use a session"
     progress = node.description()["modules"]["sequence"]["accessibles"]["_progress"]["datainfo"]
     assert progress == {"type": "double", "min": 0.0, "max": 1.0}
-    assert list(node.modules)[:3] == ["s1", "s2", "elongation"]
+    ask('do sequence:_arm "calibration"')
+    ask("do sequence:_start")
+    rig.run(2.0)
+    status, done = values("sequence:status", "sequence:_progress")
+    seen = session.snapshot().progress
+    assert (status, done) == ([300, "running"], seen.elapsed_s / (seen.elapsed_s + seen.time_left_s))
+    rig.fault("estop", 1.0)
+    rig.run(1.0)
+    latched = session.snapshot().latched
+    assert latched and values("s1:status", "pressure:status", "sequence:status") == 3 * [[400, latched]]
+
+
+def test_what_may_be_changed_is_described_and_checked_against_the_limits_of_now() -> None:
+    """Names that do not exist are cut; a limit that a plan tightened holds although it is not described."""
+    rig = ControllerRig().connected()
+    session = RigSession(rig)
+    reader = SecopNode(session, Path("none")).description()["modules"]["pressure"]
+    node = SecopNode(session, Path("none"), allow_control=True)
+    driver = node.description()["modules"]["pressure"]
+    assert (reader["accessibles"]["target"]["readonly"], driver["accessibles"]["target"]["readonly"]) == (True, False)
+    assert (reader["accessibles"]["value"]["readonly"], driver["accessibles"]["value"]["readonly"]) == (True, True)
+    assert (reader["interface_classes"], driver["interface_classes"]) == (["Readable"], ["Drivable"])
+    commands = node.description()["modules"]["sequence"]["accessibles"]
+    assert commands["_arm"]["datainfo"] == {"type": "command", "argument": {"type": "string"}}
+    assert commands["_start"]["datainfo"] == {"type": "command"}
+
+    def ask(line: str) -> list[Any]:
+        answer: list[Any] = json.loads(next(node.answer(line, may_control=True)).split(" ", 2)[2])[:2]
+        return answer
+
+    long, cut = "x" * 40, f"{'x' * 32!r}"
+    assert ask(f"read {long}") == ["NoSuchModule", f"there is no module {cut}"]
+    assert ask(f"read s1:{long}") == ["NoSuchParameter", f"there is no parameter {cut}"]
+    assert ask(f"do s1:{long}") == ["NoSuchCommand", f"there is no command {cut}"]
+    assert ask(f'do sequence:_arm "{long}"')[1].startswith(f"there is no plan {cut}; there are ")
+    for length in (200, 201):
+        assert ask(f'do sequence:_arm "{"x" * length}"')[0] == ("RangeError" if length == 200 else "WrongType")
+    assert ask("change pressure:target 1e300")[0] == ask('do sequence:_arm "a\\u0007"')[0] == "WrongType"
+    assert ask("change pressure:target 9e299")[0] == "RangeError"
+    limits = session.snapshot().limits
+    for kpa in (limits.min_kpa, limits.max_kpa):
+        assert ask(f"change pressure:target {kpa}")[0] == kpa
+        assert ask(f"change pressure:target {1.001 * kpa}")[0] == "RangeError"
+    session.snapshot_of = {"limits": dataclasses.replace(limits, min_kpa=-5.0, max_kpa=20.0)}
+    for kpa in (-5.0, 20.0):
+        assert ask(f"change pressure:target {kpa}")[0] == kpa
+        beyond = f"{1.01 * kpa:g} is outside -5 to 20 kPa".replace(" is", " kPa is")
+        assert ask(f"change pressure:target {1.01 * kpa}") == ["RangeError", beyond]
+
+
+def test_only_a_pressure_that_a_client_left_is_vented() -> None:
+    """Not one that the window set since, and not in a run."""
+    rig = ControllerRig().connected()
+    session = RigSession(rig)
+    node = SecopNode(session, Path("none"), allow_control=True)
+
+    def set_by_client() -> None:
+        assert next(node.answer("change pressure:target 10", may_control=True)).startswith("changed")
+        rig.flush()
+        rig.run(1.0)
+
+    set_by_client()
+    rig.do(lambda: session.set_pressure(12.0, 5.0))
+    rig.run(1.0)
+    node.vent_abandoned(30.0)
+    assert rig.sent_of(Vent) == []
+    set_by_client()
+    for state in (SessionState.RUNNING, SessionState.PAUSED):
+        session.snapshot_of = {"state": state}
+        node.vent_abandoned(30.0)
+        rig.flush()
+        assert rig.sent_of(Vent) == []
+    session.snapshot_of = {"last": None}
+    node.vent_abandoned(30.0)
+    session.snapshot_of = {}
+    node.vent_abandoned(30.0)
+    rig.flush()
+    assert len(rig.sent_of(Vent)) == 1
 
 
 class TestRandomRequests(Clients.TestCase):  # type: ignore[misc, name-defined]

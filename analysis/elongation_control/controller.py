@@ -145,6 +145,10 @@ class ElongationController:
 
     def begin(self, time_s: float, pressure_kpa: float, signal_mv: FloatArray) -> float:
         """Start without a bump and return the measured elongation, mm."""
+        sent, calibrated = signal_mv.shape[1], len(self.sensors.fusion.inverses)
+        if sent != calibrated:
+            cause = f"the board sends {sent} sensors, the calibration of unit {self.unit} has {calibrated}"
+            raise RequestError(cause, "mount that unit, or calibrate this one")
         self.sensors = SensorWatch(self.sensors.fusion, self._step_mv, self._loops)
         self._lasted_s = dict.fromkeys(StopCode, 0.0)
         found = self.sensors.measure(signal_mv, 0.0)

@@ -99,7 +99,7 @@ def run_session(
     notify: Notify = lambda _: None,
     progress_bar: ProgressBar = _silent,
 ) -> SessionOutcome:
-    """Run one session to its end.
+    """Run one session to its end. A run in millimetres that is refused before its first step leaves no recording.
 
     Parameters
     ----------
@@ -114,6 +114,7 @@ def run_session(
     start_log("record")
     camera: CameraChannel | None = None
     enough: EnoughCycles | None = None
+    refused = False
     session = Session()
     shared = SharedVent(session.vent, lambda: request.unit or request.path.name, home("config"))
     try:
@@ -137,7 +138,8 @@ def run_session(
             _finish(camera, notify)
         failure = why_failed(session.snapshot(), request.plan)
     except BoatDaqError:
-        if session.snapshot().recorded_s > 0:
+        refused = _may_go(session, request)
+        if not refused and session.snapshot().recorded_s > 0:
             notify(f"{request.path} holds the samples until then")
         raise
     finally:
@@ -145,6 +147,8 @@ def run_session(
             camera.close()
         shared.close()
         session.close()
+        if refused:
+            request.path.unlink(missing_ok=True)
     at_end = None
     if enough is not None and request.plan is not None:
         at_end = enough.at_end(request.path, request.plan)
@@ -239,7 +243,17 @@ def _follow(
                 advance(seen.progress.elapsed_s, max(seen.progress.elapsed_s + seen.progress.time_left_s, 1e-9))
             enough.follow(seen)
             if seen.state in _ENDED or seen.link in (LinkState.LOST, LinkState.FAILED, LinkState.CLOSED):
-                return
+                break
+    if plan.controls_elongation and not session.steps():
+        told = [message for message in seen.messages if message.level != "info"]
+        cause, remedy = (told[-1].cause, told[-1].remedy) if told else ("it was vented before it began", "")
+        raise DeviceError(f"the elongation was not controlled: {cause}", remedy)
+
+
+def _may_go(session: Session, request: SessionRequest) -> bool:
+    """Return whether the recording of a refused run is this session's own, in millimetres, and without a step."""
+    own = request.broken is None and session.snapshot().recording == request.path
+    return own and request.plan is not None and request.plan.controls_elongation and not session.steps()
 
 
 def _listen(session: Session, duration_s: float | None, notify: Notify, progress_bar: ProgressBar) -> None:

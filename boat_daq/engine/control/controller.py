@@ -497,7 +497,7 @@ class Controller:
         self.loop = None
         ending = "the last pressure is held" if hold else "vented"
         self.board.note(stop.kind, f"{stop.cause}; {ending}", "error", stop.remedy)
-        if self.sequencer.state in _RUN:
+        if self.sequencer.state in (*_RUN, SessionState.ARMED):
             self.sequencer.abort(stop.cause, SessionState.ABORTED)
         if not hold:
             self._vent()

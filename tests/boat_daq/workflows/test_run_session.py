@@ -6,12 +6,14 @@ import dataclasses
 import os
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 import serial
 
 from boat_daq.engine.plan import built_in_plans
 from boat_daq.engine.session.session import Session
+from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.simulator.server import BoardSettings
 from boat_daq.engine.snapshot import (
     LinkState,
@@ -24,10 +26,14 @@ from boat_daq.workflows.run_session import (
     run_session,
     why_failed,
 )
+from boat_daq.workflows.unit_control import identify_unit
 from protocol import Connection, Identify, SetLimits, SetPressure, Start
-from protocol.base.errors import RequestError
+from protocol.base.errors import BoatDaqError, RequestError
 from protocol.recording import BoardState
+from tests.boat_daq.commands.calls import program
 from tests.boat_daq.engine.served_board import serve_in_thread
+from tests.boat_daq.workflows.test_unit_control import accept, swings_run
+from tests.conftest import mostly_at_night
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="pseudo-terminals")
 
@@ -96,3 +102,31 @@ def test_residual_pressure_is_vented_before_the_run(tmp_path: Path, capsys: pyte
         _, failure, _ = run_session(SessionRequest(board.url, tmp_path / "run.boat", PLAN), notify=print)
     assert failure == ""
     assert "was under pressure" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("settings", "cause"),
+    mostly_at_night(
+        ({"faults": ("sensor_disagreement@0:300",)}, "the sensors disagree"),
+        ({"unit": "SA1x3"}, "3 sensors"),
+        ({"speed": 30.0}, "times real time"),
+        ({"faults": ("estop@0:1000",)}, "e-stop"),
+        ({"faults": ("pressure_invalid@0:1000",)}, "pressure sensor"),
+        ({"faults": ("silent@0.3:0",)}, "the board "),
+    ),
+)
+def test_a_refused_hold_leaves_no_file(
+    settings: dict[str, Any], cause: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever refuses it once the board is connected, and its cause is printed."""
+    monkeypatch.setenv("BOAT_DAQ_HOME", str(tmp_path / "home"))
+    units = UnitLibrary().of(simulated=True)
+    accept(units)
+    identify_unit(swings_run(), units)
+    (tmp_path / "runs").mkdir()
+    with serve_in_thread(BoardSettings(**{"port": "127.0.0.1:0"} | settings)) as board:
+        words = ("--port", board.url, "--unit", "SA1", "--mm", "1.5", "--seconds", "1")
+        code, _, err = program("twin", "hold", *words, "--out", tmp_path / "runs" / "hold.boat")
+    assert code == 1
+    assert cause in err
+    assert list((tmp_path / "runs").iterdir()) == []

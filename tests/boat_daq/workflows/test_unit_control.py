@@ -42,12 +42,17 @@ def units(tmp_path) -> UnitLibrary:
     return UnitLibrary(tmp_path, simulated=True)
 
 
-@pytest.fixture(scope="module")
-def run() -> Recording:
+def swings_run() -> Recording:
+    """Return a run of SA1 without noise."""
     pressure_kpa, x, signals = swings("SA1")
     return Recording.from_arrays(
         np.arange(x.size) / 100.0, pressure_kpa, signals, meta={"unit": "SA1"}, source="a.boat"
     )
+
+
+@pytest.fixture(scope="module")
+def run() -> Recording:
+    return swings_run()
 
 
 def accept(units: UnitLibrary) -> None:

@@ -28,7 +28,7 @@ from boat_daq.workflows.run_session import (
 )
 from boat_daq.workflows.unit_control import identify_unit
 from protocol import Connection, Identify, SetLimits, SetPressure, Start
-from protocol.base.errors import BoatDaqError, RequestError
+from protocol.base.errors import RequestError
 from protocol.recording import BoardState
 from tests.boat_daq.commands.calls import program
 from tests.boat_daq.engine.served_board import serve_in_thread

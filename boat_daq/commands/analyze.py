@@ -235,7 +235,6 @@ def _show_sensors(analysis: Analysis) -> None:
 
 
 def _show_camera(camera: Mapping[str, Any], unit: str) -> None:
-    """Print what the camera adds."""
     delay = "not found" if camera["delay_s"] is None else f"{1e3 * camera['delay_s']:+.1f} ms"
     u_delay = "" if camera["delay_s"] is None else f" ± {1e3 * camera['u_delay_s']:.1f} ms"
     drift = "" if camera["delay_s"] is None else f", drift {camera['drift_ppm']:+.0f} ppm"

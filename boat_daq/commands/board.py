@@ -105,7 +105,6 @@ def board(
 
 
 def _present_faults(*, as_json: bool) -> None:
-    """Print the faults of board and camera."""
     from boat_daq.engine.simulator.virtual_camera import CAMERA_FAULTS
     from protocol.simulator.faults import FAULTS, fault_list
 

@@ -90,7 +90,6 @@ def _as_step(remedy: str) -> str:
 
 
 def complete_cycles(count: int) -> str:
-    """Return the number of complete cycles in words."""
     return f"{count} complete cycle{'' if count == 1 else 's'}"
 
 
@@ -125,7 +124,6 @@ def show_table(
 
 
 def notify(text: str) -> None:
-    """Print a message on standard error."""
     from boat_daq.commands.terminal import err
 
     err.print(text, soft_wrap=True)

@@ -82,7 +82,6 @@ def importing(
 
 
 def _preview(files: list[Path], columns: dict[str, str], skip: int, *, as_json: bool) -> None:
-    """Print the columns that were found in each file."""
     from analysis.data.csv_import import preview
 
     seen = [preview(file, columns, skip=skip) for file in files]

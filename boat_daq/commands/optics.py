@@ -127,7 +127,6 @@ def _notify_unused(scene: OpticalScene, *names: str) -> None:
 
 
 def curves_of(name: str) -> FloatArray:
-    """Return the curves of a name, or of a file."""
     if name == "shadow":
         from analysis.shadow.model.states import kept_states
 

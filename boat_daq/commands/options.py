@@ -85,12 +85,10 @@ PlotOption = Annotated[Path | None, typer.Option(help="Also write a plot: PNG, S
 
 
 def limits_of(texts: list[str] | None) -> dict[str, float]:
-    """Return the limits of `--limit`, by name."""
     return dict(_limit(text) for text in texts or ())
 
 
 def values_of(texts: list[str] | None) -> dict[str, str]:
-    """Return the values of `--set`, by key."""
     for text in texts or ():
         if "=" not in text:
             raise typer.BadParameter(f"{text!r} is not KEY=VALUE", param_hint="--set")

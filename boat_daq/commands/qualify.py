@@ -79,7 +79,6 @@ def _chosen(drills: Sequence[Drill], names: Sequence[str] | None) -> list[Drill]
 
 
 def _line(result: DrillResult) -> str:
-    """Return the summary of a drill."""
     if result.passed:
         return f"{result.name}: passed, lost {result.lost} ({result.seconds:.0f} s)"
     unmet = "; ".join(f"{c.text}: {c.seen}" for c in result.criteria if not c.kept)

@@ -129,7 +129,6 @@ def info(run: RecordingArgument, as_json: JsonOption = False) -> None:
 
 
 def _lines(summary: Summary) -> Iterator[tuple[str, str]]:
-    """Yield the name and the text of each line."""
     from protocol.recording import SCHEMA_VERSION
 
     yield "recording", f"{summary.path}{'   SIMULATED' if summary.simulated else ''}"

@@ -23,7 +23,6 @@ class ServeCommand(TyperCommand):
     """Gives `--secop` its usual address where none follows it."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Read the arguments."""
         for at in (i for i, arg in enumerate(args) if arg == "--secop"):
             if at + 1 == len(args) or args[at + 1].startswith("-"):
                 return super().parse_args(ctx, [*args[: at + 1], ADDRESS, *args[at + 1 :]])
@@ -137,7 +136,6 @@ def _wait(session: Session, duration_s: float | None) -> None:
 
 
 def _summary(session: Session, outlet: LslOutlet | None, node: SecopServer | None) -> dict[str, Any]:
-    """Return what was served, and print it."""
     seen = session.snapshot()
     lost = seen.health.statistics.lost if seen.health else 0
     content: dict[str, Any] = {"simulated": seen.simulated, "lost": lost, "lsl": None, "secop": None}

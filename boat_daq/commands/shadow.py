@@ -39,7 +39,6 @@ if TYPE_CHECKING:
 
 
 def save_figure(figure: Figure, path: Path) -> None:
-    """Write a figure in the format of its suffix."""
     from analysis.figure_style import save_picture
 
     with writing(path):
@@ -99,7 +98,6 @@ def solve(
 
 
 def _json(solved: SolvedState, found: Assessment) -> dict[str, Any]:
-    """Return a state and its margin as JSON."""
     from analysis.shadow.model.guides import both_guides
 
     solution, size = solved.solution, solved.model.parameters
@@ -119,7 +117,6 @@ def _json(solved: SolvedState, found: Assessment) -> dict[str, Any]:
 
 
 def _lines(solved: SolvedState, found: Assessment) -> list[str]:
-    """Return a state and its margin as lines."""
     solution, size = solved.solution, solved.model.parameters
     limit_kpa = solved.model.vacuum_limit.pressure_kpa
     lines = [
@@ -147,7 +144,6 @@ def _fallback(model: str, solved: SolvedState, parameters: Path | None) -> list[
 
 
 def _plot_state(solution: Solution, parameters: Path | None, path: Path) -> None:
-    """Plot a state into a file."""
     from analysis.shadow.model.drawing import shadow_figure
 
     shadow = chosen_shadow(parameters)
@@ -408,7 +404,6 @@ def chain(
 
 
 def _chain_lines(found: Mapping[str, Any], signal: ChainSignal) -> Iterator[str]:
-    """Yield the lines of the chain; `found` as its JSON."""
     for name in ("shadow", "parametric"):
         one = found[name]
         design = "{cavities} cavities {width_mm:.1f} wide, {depth_mm:.1f} deep, {spacing_mm:.1f} apart"
@@ -436,7 +431,6 @@ def _chain_lines(found: Mapping[str, Any], signal: ChainSignal) -> Iterator[str]
 
 
 def _chain_sweep(name: str, designs: tuple[Design, ...], curves: FloatArray, rays: int) -> SweepResult:
-    """Sweep designs over curves."""
     from analysis.optics.scene.parameters import Light, phase_of
     from analysis.optics.sweep.sweep import SweepRequest, run_sweep
 

@@ -31,14 +31,12 @@ def note_unused(fidelity: Level | None) -> None:
 
 
 def chosen_parameters(path: Path | None) -> ActuatorParameters:
-    """Return the parameters of a file, or the defaults."""
     from analysis.shadow.fem.parameters import ActuatorParameters, read_parameters
 
     return ActuatorParameters() if path is None else read_parameters(path)
 
 
 def chosen_model(parameters: Path | None, mesh: Path | None) -> FullModel:
-    """Return the full model, on the parametric mesh unless a file has one."""
     from analysis.shadow.fem.mesh_files import read_mesh
     from analysis.shadow.model.full import FullModel
 
@@ -46,7 +44,6 @@ def chosen_model(parameters: Path | None, mesh: Path | None) -> FullModel:
 
 
 def chosen_table(actuator: ActuatorParameters) -> ReducedModel:
-    """Return the reduced model of an actuator."""
     from analysis.shadow.model.table import load_table
 
     with progress_bar("building the table") as progress:
@@ -54,7 +51,6 @@ def chosen_table(actuator: ActuatorParameters) -> ReducedModel:
 
 
 def chosen_shadow(parameters: Path | None) -> Shadow:
-    """Return the shadow of the chosen parameters."""
     from analysis.shadow.model.frames import Shadow
 
     actuator = chosen_parameters(parameters)

@@ -32,7 +32,6 @@ err = PlainConsole(stderr=True)
 
 
 def print_table(columns: Iterable[str], rows: Iterable[Iterable[str]], left: int, title: str | None) -> None:
-    """Print a table on standard output, as `console.show_table`."""
     table = Table(title=title, box=None, pad_edge=False, padding=(0, 1, 0, 0))
     for number, name in enumerate(columns):
         table.add_column(name, justify="left" if number < left else "right", no_wrap=True)

@@ -40,14 +40,12 @@ CONTENTS = {  # what an operator types to find a page or a tab
 
 
 def register(window: MainWindow) -> None:
-    """Add every command of `window`."""
     menus = (session, edit, view, run, results, recordings, models, pages, help_)
     for command in (command for menu in menus for command in menu(window)):
         window.commands.add(command)
 
 
 def session(window: MainWindow) -> list[Command]:
-    """Return the commands of the link and the recording."""
     model, strip = window.model, window.strip
     run, connection, attempt = model.run, model.connection, model.notices.attempt
     add, seldom = partial(Command, "Session"), _seldom
@@ -92,7 +90,6 @@ def session(window: MainWindow) -> list[Command]:
 
 
 def edit(window: MainWindow) -> list[Command]:
-    """Return the commands of undo and of the readings."""
     undo, attempt, live, run = window.model.undo, window.model.notices.attempt, window.live, window.model.run
     add, seldom = partial(Command, "Edit"), _seldom
     table = live.show_readings
@@ -110,7 +107,6 @@ def edit(window: MainWindow) -> list[Command]:
 
 
 def view(window: MainWindow) -> list[Command]:
-    """Return the commands of the plots and the theme."""
     live, add, seldom = window.live, partial(Command, "View"), _seldom
 
     def show_units() -> None:
@@ -161,7 +157,6 @@ def view(window: MainWindow) -> list[Command]:
 
 
 def run(window: MainWindow) -> list[Command]:
-    """Return the commands of the run."""
     model, live = window.model, window.live
     add, seldom = partial(Command, "Run"), _seldom
 
@@ -282,7 +277,6 @@ def models(window: MainWindow) -> list[Command]:
 
 
 def pages(window: MainWindow) -> list[Command]:
-    """Return the commands that show a page, or a tab of one."""
     go = window.go_by_key
     keys = {page: f"Ctrl+{i}" for i, page in enumerate(Page, 1)}
     places = dict.fromkeys((*Page, *PLACES))
@@ -290,7 +284,6 @@ def pages(window: MainWindow) -> list[Command]:
 
 
 def help_(window: MainWindow) -> list[Command]:
-    """Return the commands of the help menu."""
     add = partial(Command, "Help")
 
     def save_bug_report() -> None:

@@ -81,7 +81,6 @@ class ConnectPanel(QDialog):
         )[0]
 
     def open_fresh(self) -> None:
-        """Scan the ports and show the panel."""
         self.rescan()
         self.unit.setText(self.connection.bench_unit)
         self.refused.hide()
@@ -152,7 +151,6 @@ class ConnectPanel(QDialog):
         self.services.notices.attempt(self.connection.disconnect)
 
     def start_virtual(self) -> None:
-        """Start a virtual board and connect to it."""
         unit = f"{self.virtual_unit.currentData()}{self.sensors.currentData()}"
         speed = float(self.speed.currentData())
         if self.services.notices.attempt(lambda: self.connection.start_virtual_board(unit, speed)):

@@ -154,7 +154,6 @@ class Header(QWidget):
         return sum(widget.sizeHint().width() + space for widget in shown) + ends
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
-        """Show the link, its figures, the unit."""
         others = self._vents.others()
         if bool(others) is self.vent_all.isHidden():
             self.vent_all.setVisible(bool(others))
@@ -193,7 +192,6 @@ class Header(QWidget):
             self._fold()
 
     def _refresh_outlets(self) -> None:
-        """Show what is streamed and served."""
         view = self._open_outlets = self._outlets.view()
         controls.set_state(self.outlets, "warning" if view.control else "")
         self.outlets.setToolTip(f"LSL: {view.streams}\nSECoP: {view.node}\nStreams and remote control")
@@ -201,7 +199,6 @@ class Header(QWidget):
 
 
 def vent_button(vent: Callable[[], None]) -> QPushButton:
-    """Return the VENT button."""
     button = _pressed_button("VENT   F4", "vent", "Vent the actuator now", vent)
     button.setToolTip("Vent now, in any state (F4; Esc where nothing is open)")
     return button
@@ -376,11 +373,9 @@ class Strip(QWidget):
         self.details.setPlainText(self.notices.history_text())
 
     def is_open(self) -> bool:
-        """Return whether the list of messages, or the details of one, is open."""
         return not self.details.isHidden()
 
     def close_details(self) -> None:
-        """Close the list of messages, or the details of one."""
         self.messages.setChecked(False)
         self.details.hide()
 
@@ -393,22 +388,18 @@ class Strip(QWidget):
             open_path(self._shown.saved.parent, self.notices)
 
     def has_action(self) -> bool:
-        """Return whether the notice suggests an action."""
         return self._shown is not None and self._shown.action is not None
 
     def has_notice(self) -> bool:
-        """Return whether a notice is shown."""
         return self._shown is not None
 
     def apply(self) -> None:
-        """Run the action that the notice suggests."""
         notice = self._shown
         if notice is not None and notice.action is not None:
             self.notices.dismiss(notice)
             self.notices.attempt(notice.action)
 
     def dismiss(self) -> None:
-        """Dismiss the notice."""
         self.notices.dismiss(self._shown)
         self.refresh()
 
@@ -417,7 +408,6 @@ class Strip(QWidget):
             QGuiApplication.clipboard().setText(self._shown.text)
 
     def cancel_job(self) -> None:
-        """Cancel the newest job."""
         for job in self.jobs.running()[-1:]:
             job.cancel()
 
@@ -435,7 +425,6 @@ class RecordingBadge:
         self._text = RecordingText()
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
-        """Show the recording in progress, or that one can be started."""
         self._text = found = self.status.text(snapshot)
         controls.set_state(self.badge, found.state)
         self.badge.setToolTip(controls.as_words(found.tip))
@@ -447,7 +436,6 @@ class RecordingBadge:
         self.button.setVisible(bool(found.button))
 
     def fold(self, *, short: bool) -> None:
-        """Show the short text, or the whole one."""
         controls.set_text(self.badge, self._text.short if short else self._text.text)
 
     def lengths(self) -> tuple[object, ...]:

@@ -186,7 +186,6 @@ class MainWindow(QMainWindow):
             self.frame_timer.setInterval(wanted)
 
     def refresh(self) -> None:
-        """Show the current state in header, visible page and strip."""
         snapshot = self.model.tick()
         self.window_keys.watch_all()
         self.guard.show(self.header, "The header", lambda: self.header.refresh(snapshot))
@@ -214,7 +213,6 @@ class MainWindow(QMainWindow):
 
     @property
     def page(self) -> Page:
-        """Return the page that is shown."""
         return page_of(self.place)
 
     def choose(self, tab: Tab) -> None:
@@ -224,7 +222,6 @@ class MainWindow(QMainWindow):
             self.go(tab)
 
     def go(self, name: Place) -> None:
-        """Show a page, or a tab of one."""
         name = next((self.chosen[page] for page in TABS if page == name), name)
         page, focus = self.open_page(name), QApplication.focusWidget()
         if focus is not None and self.stack.isAncestorOf(focus) and name != self.place:
@@ -238,7 +235,6 @@ class MainWindow(QMainWindow):
             self.live.focus_reading()
 
     def _show_tabs(self) -> None:
-        """Show the tabs of the page, where it has some."""
         place, tabs = self.place, TABS.get(self.page, ())
         self.tab_row.setVisible(bool(tabs))
         if [self.tabs.tabText(i) for i in range(self.tabs.count())] != list(tabs):
@@ -271,7 +267,6 @@ class MainWindow(QMainWindow):
         panels[place]()
 
     def show_outlets(self) -> None:
-        """Show the panel for streams and remote control."""
         if self.outlets_panel is None:
             self.outlets_panel = OutletsPanel(self, self.model.outlets, self.model.services)
         self.outlets_panel.refresh()
@@ -279,7 +274,6 @@ class MainWindow(QMainWindow):
         self.outlets_panel.raise_()
 
     def vent(self) -> None:
-        """Vent at once."""
         self.model.session.vent()
 
     def escape(self) -> None:
@@ -324,7 +318,6 @@ class MainWindow(QMainWindow):
             event.acceptProposedAction()
 
     def dropEvent(self, event: QDropEvent) -> None:
-        """Open each file that is dropped."""
         event.acceptProposedAction()
         paths = [Path(url.toLocalFile() or url.toString()) for url in event.mimeData().urls()]
         second = paths[1:] if len(paths) == 2 and all(p.suffix.lower() in TABLE_SUFFIXES for p in paths) else []
@@ -334,38 +327,31 @@ class MainWindow(QMainWindow):
             self.model.notices.attempt(partial(self.model.csv_import.join, path))
 
     def toggle_full_screen(self) -> None:
-        """Toggle full screen."""
         self.setWindowState(self.windowState() ^ Qt.WindowState.WindowFullScreen)
 
     def show_keys(self) -> None:
-        """Show the shortcut sheet."""
         if self.keys is None:
             self.keys = ShortcutSheet(self, self.commands)
         self.keys.show()
         self.keys.raise_()
 
     def show_tutorial(self) -> None:
-        """Show the tutorial beside the window."""
         Tutorial(self, shipped("docs/tutorial/first-calibration.md", "share/doc/boat-daq")[0]).show()
 
     def ask_report(self) -> None:
-        """Save the report of the run that is shown."""
         path = self.model.analysed_path(self.place)
         if path is not None:
             make = partial(self.model.runs.report, [path], curve=self.model.analysed_curve(self.place))
             ask_save(self, self.model.services, f"{path.stem} report", "pdf html", make, done="")
 
     def copy_plot(self, card: PlotCard | ShadowPane) -> None:
-        """Copy the picture of a plot to the clipboard."""
         self.model.notices.attempt(card.copy, done=f"Copied: {card.title}")
 
     def save_plot(self, card: PlotCard | ShadowPane, suffix: str) -> None:
-        """Save a plot to a file."""
         if self.model.notices.attempt(card.require_data):
             ask_save(self, self.model.services, card.title, suffix, card.save)
 
     def save_table(self, table: QTableView) -> None:
-        """Save a table to a file."""
         save = partial(data_table.save_table, table)
         ask_save(self, self.model.services, table.accessibleName(), "csv", save)
 
@@ -381,7 +367,6 @@ class MainWindow(QMainWindow):
         self.follow_theme()
 
     def set_theme(self, theme: Theme) -> None:
-        """Repaint everything in `theme`."""
         self.theme = theme
         app = application()
         sheet = style.style_sheet(theme)
@@ -407,7 +392,6 @@ class MainWindow(QMainWindow):
     # ---- open and close -------------------------------------------------------------------------------------------
 
     def sizeHint(self) -> QSize:
-        """Return the size of a first start."""
         return QSize(*style.WINDOW_SIZE)
 
     def fit_screen(self) -> None:
@@ -467,7 +451,6 @@ class MainWindow(QMainWindow):
 
 
 def application() -> QApplication:
-    """Return the one application."""
     app = QApplication.instance()
     assert isinstance(app, QApplication)
     return app

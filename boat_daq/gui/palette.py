@@ -66,7 +66,6 @@ class Palette(QDialog):
         self.field.setFocus()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Pass the arrow keys of the field to the list."""
         if isinstance(event, QKeyEvent) and event.type() is QEvent.Type.KeyPress and event.key() in ARROWS:
             self.list.keyPressEvent(event)
             return True
@@ -129,7 +128,6 @@ class ShortcutSheet(QDialog):
         self.move(self.over.geometry().center() - self.rect().center())  # Qt has placed it by its former size
 
     def _arrange(self, menus_of: tuple[tuple[str, ...], ...]) -> None:
-        """Distribute the menus over columns."""
         for place, column in enumerate(self._columns):
             menus = menus_of[place] if place < len(menus_of) else ()
             while column.takeAt(0) is not None:
@@ -215,7 +213,6 @@ class _Pages(QTextBrowser):
         self.setAccessibleName("Tutorial")
 
     def loadResource(self, kind: int, name: QUrl | str) -> object:
-        """Return a picture of the tutorial, scaled."""
         picture = QImage(str(self._folder / QUrl(name).path()))
         if picture.isNull():
             return super().loadResource(kind, name)

@@ -79,7 +79,6 @@ class Registry:
             menu.setToolTipsVisible(True)
 
     def add(self, command: Command) -> None:
-        """Add a command to its menu, with its keys."""
         keys = QKeySequence(command.shortcut)
         shown = keys.toString(QKeySequence.SequenceFormat.NativeText)
         action = QAction("\t".join(filter(None, (command.text, shown))), self._window)
@@ -145,7 +144,6 @@ class WindowKeys(QObject):
         self._chosen: QWidget | None = None  # the button that the operator gave the focus last
 
     def watch(self, window: QWindow | None) -> None:
-        """Install the filter on a window."""
         if window is not None:
             window.installEventFilter(self)
             self._clear_header(window)

@@ -56,7 +56,6 @@ class ValueRow:
             part.setToolTip(controls.as_words(f"{about.meaning}.\n{note(about)}".strip()))
 
     def text(self) -> str:
-        """Return what the field has."""
         return str(self.field.currentData()) if isinstance(self.field, QComboBox) else self.field.text()
 
     def show_text(self, text: str, *, other: bool) -> None:
@@ -112,7 +111,6 @@ class ValueForm(QWidget):
         self.setLayout(grid)
 
     def show_texts(self, texts: Mapping[str, str], subject: str) -> None:
-        """Show what is stored of a subject, by key."""
         for key, text in texts.items():
             self.rows[key].show_text(text, other=subject != self._subject)
         self._subject = subject
@@ -271,7 +269,6 @@ class SafeModeBar(QWidget):
         self.refresh()
 
     def refresh(self) -> None:
-        """Show why, as long as it is so."""
         refused = self.model.refused
         self.setVisible(refused is not None)
         if refused is not None:

@@ -134,7 +134,6 @@ STALE_OPACITY = 0.35  # of data that have ended
 
 
 def style_sheet(theme: Theme) -> str:
-    """Return the style sheet of the whole program in `theme`."""
     colours = {field.name: getattr(theme, field.name) for field in fields(theme)}
     sheet = Template((HERE / "sheet.css").read_text(encoding="utf-8"))
     return sheet.substitute(
@@ -201,7 +200,6 @@ def font(pixels: int = FONT_CHROME, weight: QFont.Weight = QFont.Weight.Normal) 
 
 
 def small_font() -> QFont:
-    """Return the font of axis labels and captions."""
     return font(FONT_SMALL)
 
 

@@ -184,7 +184,6 @@ class AppModel:
         return " \u2013 ".join(filter(None, ("boat-daq", simulated, recording)))
 
     def analysed_path(self, place: Place) -> Path | None:
-        """Return the recording that the result on a page is of."""
         if place is Tab.REPEATABILITY and self.repeatability.result is not None:
             return Path(self.repeatability.result.path)
         return self.calibration.last_path
@@ -208,7 +207,6 @@ class AppModel:
         self.notices.add(Severity.INFORMATION, f"Imported as {path.name}", details="\n".join(noted), action=offer)
 
     def choose_repeatability(self) -> None:
-        """Take the plan of many cycles and show it."""
         self.sequence.choose("repeatability")
         self.services.show(Panel.PLAN)
 

@@ -60,7 +60,6 @@ class SettingsModel:
         return [("This program", PROGRAM), *((f"Unit {name}", name) for name in names)]
 
     def stored(self, subject: str) -> Settings | Unit:
-        """Return what is stored, or the defaults."""
         if subject != PROGRAM:
             return self._units.load(subject)
         return Settings() if self.refused is not None else load_settings(self._folder)
@@ -82,7 +81,6 @@ class SettingsModel:
             return 0
 
     def file(self, subject: str) -> Path:
-        """Return the file of a subject."""
         return settings_path(self._folder) if subject == PROGRAM else self._units.folder / f"{subject}.toml"
 
     def metadata(self, unit: str) -> MetadataModel:
@@ -102,7 +100,6 @@ class SettingsModel:
         self._change(subject, before, with_defaults(before, keys, _where(subject)))
 
     def add_unit(self, name: str) -> None:
-        """Store a unit with the default values."""
         if name in self._units.names():
             raise RequestError(f"there is a unit {name} already", "Choose another name.")
         self._units.save(Unit(name))
@@ -186,7 +183,6 @@ def _texts(before: Any, after: Any) -> dict[str, str]:
 
 
 def _with_values(unit: Unit, other: Unit) -> Unit:
-    """Return a unit with the described values of another one."""
     return dataclasses.replace(unit, **{key: getattr(other, key) for key in described(other)})
 
 

@@ -76,7 +76,6 @@ class RunVerdict:
 
     @classmethod
     def of(cls, found: Analysis) -> RunVerdict:
-        """Return the verdict of an analysed run."""
         from analysis.calibration_export.verdict import verdict_of
 
         v = verdict_of(found)
@@ -94,7 +93,6 @@ class SensorCalibration:
 
     @property
     def label(self) -> str:
-        """The sensor as it is shown."""
         return sensor_words(self.record.name)
 
     @property
@@ -167,7 +165,6 @@ def lacking(run: RunCalibration) -> Lack | None:
 
 
 def lack_text(run: RunCalibration, lack: Lack) -> str:
-    """Return what is missing in a line."""
     if lack is Lack.CYCLES:
         return "This run has no complete cycle"
     if lack is Lack.PLATEAUS:

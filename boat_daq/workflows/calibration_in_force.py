@@ -47,7 +47,6 @@ def chosen_curve(recording: Recording, choice: str = "") -> Degree:
 
 
 def record_of(unit: Unit, entry: StoredCalibration) -> CalibrationRecord:
-    """Return an entry of a unit's history."""
     return CalibrationRecord.parse(
         entry.content, unit=unit.name, recording=entry.recording, calibrated_utc=entry.utc, operator=entry.operator,
         program_version=entry.program_version,
@@ -70,7 +69,6 @@ class NotCalibrated(RequestError):
 
 
 def in_force(units: UnitLibrary, name: str) -> CalibrationRecord:
-    """Return the calibration of a unit in force."""
     found = newest_calibration(units, name)
     if found is None:
         kind = "simulated unit" if units.simulated else "unit"

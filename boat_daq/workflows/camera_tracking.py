@@ -36,7 +36,6 @@ class CameraChoice:
     video: Path | None = None  # file for the pictures of a session; None stores none
 
     def tracker(self) -> MarkTracker:
-        """Return a tracker for it."""
         from analysis.tracking.lens import lens_of, read_lens
         from analysis.tracking.tracker import MarkTracker, Optics
 
@@ -96,7 +95,6 @@ def camera_choice(text: str, unit: str = "", mark_mm: float | None = None) -> Ca
 
 
 def keep_lens(unit: str, lens: Lens) -> None:
-    """Store a lens with a unit."""
     library = UnitLibrary()
     library.save(replace(library.load(unit), lens=lens.as_json()))
 

@@ -69,7 +69,6 @@ def store_laboratory(laboratory: Laboratory) -> None:
 
 
 def certificate_for(order: CertificateOrder, progress: Progress | None = None) -> Certificate:
-    """Analyse the recordings and return their certificate."""
     from analysis.certificates.certificate import certificate_of
 
     analyses, request = analyses_for(order, progress)

@@ -135,7 +135,6 @@ class EnoughCycles:
         self._unwritten = self._session.taken()
 
     def _begin(self, snapshot: SessionSnapshot, asked: float) -> None:
-        """Start to assess the run."""
         from analysis.stopping.criterion import assess_run
 
         self.ended_by = None

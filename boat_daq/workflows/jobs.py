@@ -53,7 +53,6 @@ class JobFailure:
 
     @property
     def text(self) -> str:
-        """Return cause and remedy."""
         return f"{self.cause}. {self.remedy}".strip()
 
 
@@ -208,7 +207,6 @@ class JobRunner:
         return job
 
     def get(self, name: str) -> Job | None:
-        """Return the running job of that name."""
         return self._running.get(name, (None, None))[0]
 
     def running(self) -> list[Job]:
@@ -227,13 +225,11 @@ class JobRunner:
                 then(job)
 
     def cancel(self, name: str) -> None:
-        """Cancel the job of that name, if it runs."""
         job = self.get(name)
         if job is not None:
             job.cancel()
 
     def close(self) -> None:
-        """Cancel all jobs."""
         for name in self._running:
             self.cancel(name)
         self._running.clear()
@@ -259,5 +255,4 @@ class Background(Generic[T]):
         return self.pending.pop(0).result() if self.pending and self.pending[0].done() else None
 
     def close(self) -> None:
-        """End the thread."""
         self._pool.shutdown(wait=False, cancel_futures=True)

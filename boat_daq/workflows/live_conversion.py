@@ -85,7 +85,6 @@ class Conversion:
 
     @property
     def sensors(self) -> int:
-        """Number of sensors that are converted."""
         return len(self.fusion.inverses)
 
     def __call__(self, signal_mv: FloatArray) -> LiveElongation:

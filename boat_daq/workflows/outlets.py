@@ -42,7 +42,6 @@ class NodeChoice:
 
     @property
     def host_and_port(self) -> tuple[str, int]:
-        """Return host and port."""
         host, colon, port = self.address.rpartition(":")
         if self.address.endswith("]") or not colon:
             host, port = self.address, ADDRESS.rpartition(":")[2]

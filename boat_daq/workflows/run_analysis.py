@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 
 def load_analysis() -> None:
-    """Load the libraries of an analysis and of a report."""
     from importlib import import_module
 
     for name in ("analysis.figures.pipeline", "analysis.figures.uncertainty", "analysis.reports.build"):

@@ -145,7 +145,6 @@ def report_runs(
     units: ShownUnits = STORED_UNITS,
     progress: Progress | None = None,
 ) -> str:
-    """Write the report of one or several recordings; return its verdict."""
     from analysis import write_report
 
     parts = len(paths) + WRITING

@@ -36,7 +36,6 @@ def fusion_of(units: UnitLibrary, name: str) -> Fusion:
 
 
 def dynamics_of(units: UnitLibrary, path: Path) -> DynamicCalibration:
-    """Return the dynamics of a recording, by its unit's calibration in force."""
     from analysis import load_recording
     from analysis.elongation_control.run_response import dynamic_calibration
 
@@ -67,7 +66,6 @@ def held_elongation(units: UnitLibrary, recording: Recording, seconds: float) ->
 
 
 def twin_path(units: UnitLibrary, name: str) -> Path:
-    """Return where the file of a unit under control is."""
     return path_in(units.folder, f"{name}.twin.json")
 
 
@@ -164,7 +162,6 @@ def prepare_control(path: Path, units: UnitLibrary) -> str:
 
 
 def store_twin(units: UnitLibrary, twin: TwinFile) -> None:
-    """Write the file of a unit under control."""
     path = twin_path(units, twin.unit)
     try:
         twin.write(path)

@@ -35,7 +35,6 @@ class UnitOverTime:
 
     @property
     def signal_unit(self) -> str:
-        """Unit of the signals."""
         return self.histories[0].signal_unit if self.histories else "mV"
 
     def days(self, sensor: int) -> FloatArray:
@@ -91,7 +90,6 @@ def _dated(record: CalibrationRecord, sensor: int) -> DatedCalibration:
 
 
 def load_unit_over_time(units: UnitLibrary, name: str) -> UnitOverTime:
-    """Return a unit of a library over time."""
     return unit_over_time(units.load(name))
 
 

@@ -42,7 +42,6 @@ class MarkedPicture(QWidget):
         self._outlines: list[npt.NDArray[np.float64]] = []
 
     def sizeHint(self) -> QSize:
-        """Return the size of a picture in the pane."""
         return QSize(style.PANE_WIDTH, 3 * style.PANE_WIDTH // 4)
 
     def show_view(self, view: CameraView) -> None:
@@ -79,7 +78,6 @@ class MarkedPicture(QWidget):
         return self._shown_image
 
     def paintEvent(self, event: QPaintEvent) -> None:
-        """Draw the picture and the outlines."""
         if self._image.isNull():
             return
         painter, scale = QPainter(self), self._scale
@@ -133,7 +131,6 @@ class CameraPanel(QWidget):
         self._show(model.view())
 
     def toggle(self) -> None:
-        """Open the camera, or close it."""
         if self.model.channel is not None:
             self.model.close()
         else:
@@ -154,7 +151,6 @@ class CameraPanel(QWidget):
             self._show(self.model.view())
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
-        """Follow the camera; called a few times a second."""
         self._show(self.model.view())
 
     def _show(self, view: CameraView) -> None:

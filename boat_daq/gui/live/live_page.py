@@ -99,7 +99,6 @@ class ValueDisplay(QWidget):
         return font, (chrome, small, unit), value, max(head, line) + style.STEP
 
     def width_at(self, pixels: int, *, narrow: bool) -> int:
-        """Return the width with the value at that size."""
         return self._needs(pixels, narrow=narrow)[3]
 
     def resize_text(self, pixels: int, *, narrow: bool = False) -> None:
@@ -283,7 +282,6 @@ class LivePage(QWidget):
         return frame
 
     def ask_marker(self) -> None:
-        """Show the field for the note of a marker."""
         self.services.show(Page.MEASURE)
         self.note.clear()
         self.marker.show()
@@ -294,7 +292,6 @@ class LivePage(QWidget):
         self.close_marker()
 
     def close_marker(self) -> None:
-        """Close the field for the note."""
         self.marker.hide()
         self.focus_reading()
 
@@ -338,7 +335,6 @@ class LivePage(QWidget):
         store("tab", self.pane.currentIndex())
 
     def restore(self) -> None:
-        """Restore what was stored."""
         stored = self.services.preferences.get
         seconds = float(stored("window_s", 60.0))
         self.model.set_window(seconds if seconds > 0 else math.inf)
@@ -358,13 +354,11 @@ class LivePage(QWidget):
         self._change_layout(Layout())
 
     def show_plan(self) -> None:
-        """Show the plan's form."""
         self.services.show(Page.MEASURE)
         self.pane.setCurrentWidget(self.plan)
         self.plan.choice.setFocus()
 
     def edit_segments(self) -> None:
-        """Show the editor of a plan of segments."""
         self.plan_editor.open_fresh(self.run.snapshot)
 
     def show_manual(self) -> None:
@@ -376,7 +370,6 @@ class LivePage(QWidget):
         self.plan.target.selectAll()
 
     def reading_is_due(self) -> bool:
-        """Return whether a plateau waits for its reading."""
         return self.run.snapshot.waiting_for_reading is not None
 
     def show_readings(self) -> ReadingsTable:
@@ -388,7 +381,6 @@ class LivePage(QWidget):
         return self.table
 
     def draw(self) -> None:
-        """Draw one frame of the plots and of the shadow."""
         if self.plots.isVisible():
             self.guard.show(self.plots, "Live plots", self.plots.draw)
         if self.shadow.isVisible():
@@ -472,7 +464,6 @@ class LivePage(QWidget):
             self.pane.removeTab(at)
 
     def paint_theme(self, theme: Theme) -> None:
-        """Take the colours and the units of `theme`."""
         for name, figure in self.figures.items():
             stored, example, decimals = _SHOWN[name.rstrip("1234")]
             shown = theme.units.shown(stored)

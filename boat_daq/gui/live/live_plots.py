@@ -59,7 +59,6 @@ def camera_band(columns: Mapping[str, FloatArray]) -> tuple[FloatArray, FloatArr
 
 
 def shortened(note: str) -> str:
-    """Return a note shortened for its marker."""
     return note if len(note) <= MOST_OF_A_NOTE else f"{note[: MOST_OF_A_NOTE - 1].rstrip()}\u2026"
 
 
@@ -114,7 +113,6 @@ class LivePlots(PlotCard):
 
     @property
     def first(self) -> Plot:
-        """The plot at the top."""
         return self.rows[0]
 
     def _own(self, quantity: str, *, x_title: str = "", x_unit: str = "") -> Plot:
@@ -131,7 +129,6 @@ class LivePlots(PlotCard):
         return plot
 
     def _add_signal(self, sensor: int) -> None:
-        """Add the plot of a sensor."""
         quantity = f"s{sensor}_mv"
         plot = self._own(quantity)
         band = plot.band("Predicted, 95 %", lambda t: t.muted, alpha=style.BAND_OPACITY // 2)
@@ -182,7 +179,6 @@ class LivePlots(PlotCard):
         self.paint_theme(self.theme)
 
     def _fill(self, plot: Plot, row: Axes, right_px: int) -> None:
-        """Draw the quantities of a row in its plot."""
         left, right = ([layer for name in names for layer in self.layers[name]] for names in (row.left, row.right))
         plot.hold(left, right)
         plot.set_title(self.model.titles(row.left), self.model.unit(row.left[0]))
@@ -434,7 +430,6 @@ class LivePlots(PlotCard):
             plot.autoscale()
 
     def add_plot_actions(self, menu: QMenu, plot: Plot, x: float) -> None:
-        """Add cursors, zoom and layout of one plot."""
         for which in ("a", "b"):
             menu.addAction(f"Cursor {which.upper()} here", partial(self.move_cursor, which, x))
         if self.model.cursors_s:
@@ -460,13 +455,11 @@ class LivePlots(PlotCard):
         menu.addAction(text, partial(self.layout_wanted.emit, layout))
 
     def move_cursor(self, which: str, at: float) -> None:
-        """Put cursor "a" or "b" at a time."""
         if not self._cursors[which]:
             self.place_cursor(which)
         self._drag(which, at)
 
     def remove_cursors(self) -> None:
-        """Take both cursors away."""
         for which in list(self.model.cursors_s):
             self.place_cursor(which)
 
@@ -493,7 +486,6 @@ class LivePlots(PlotCard):
             line.setValue(at)
 
     def show_markers(self) -> None:
-        """Draw the markers that are new."""
         markers = self.model.notes()
         if len(markers) < len(self._markers):
             self._take_markers_away()
@@ -542,7 +534,6 @@ class OverlayPlots(PlotCard):
         self.paint_theme(self.theme)
 
     def draw(self) -> None:
-        """Draw the cycles there are."""
         cycles = self.model.cycles()
         self.readout.setText(f"{len(cycles)} of the last {CYCLES_KEPT} cycles" if cycles else "")
         self.show_empty("" if cycles else "The cycles of a run are drawn here once the first has begun.")

@@ -68,7 +68,6 @@ class OutletsPanel(QDialog):
         self.resize(self.width(), self.heightForWidth(self.width()))
 
     def refresh(self) -> None:
-        """Show switches and states."""
         model, view = self.model, self.model.view()
         for box, value in (
             (self.streaming, model.streaming),

@@ -78,18 +78,15 @@ class PictureView(QGraphicsView):
         self.setCursor(Qt.CursorShape.CrossCursor)
 
     def set_picture(self, pixmap: QPixmap) -> None:
-        """Show another picture, fitted."""
         self.picture.setPixmap(pixmap)
         self.scene().setSceneRect(self.picture.boundingRect())
         self.fitInView(self.picture, Qt.AspectRatioMode.KeepAspectRatio)
 
     def wheelEvent(self, event: QWheelEvent) -> None:
-        """Zoom about the mouse."""
         factor = 1.25 if event.angleDelta().y() > 0 else 0.8
         self.scale(factor, factor)
 
     def mousePressEvent(self, event: QMouseEvent) -> None:
-        """Take a click in the picture's own pixels."""
         if event.button() is Qt.MouseButton.LeftButton and not self.picture.pixmap().isNull():
             at = self.mapToScene(event.position().toPoint())
             self.clicked.emit(at.x(), at.y())
@@ -97,7 +94,6 @@ class PictureView(QGraphicsView):
             self._dragged_from = event.position().toPoint()
 
     def mouseMoveEvent(self, event: QMouseEvent) -> None:
-        """Move the picture with the right button."""
         if self._dragged_from is None or not event.buttons() & Qt.MouseButton.RightButton:
             return
         at = event.position().toPoint()
@@ -106,7 +102,6 @@ class PictureView(QGraphicsView):
         self.verticalScrollBar().setValue(self.verticalScrollBar().value() - gone.y())
 
     def show_marks(self, marks: tuple[tuple[float, float], ...]) -> None:
-        """Draw the clicks."""
         self.marks = marks
         self.viewport().update()
 
@@ -156,11 +151,9 @@ class PhotographPanel(QDialog):
         QShortcut(QKeySequence.StandardKey.Paste, self, self.paste)
 
     def load(self, path: Path) -> None:
-        """Show the picture in a file."""
         self._show(read_picture(path))
 
     def paste(self) -> None:
-        """Show the picture on the clipboard."""
         self.services.notices.attempt(lambda: self._show(QGuiApplication.clipboard().pixmap()))
 
     def _show(self, pixmap: QPixmap) -> None:
@@ -171,11 +164,9 @@ class PhotographPanel(QDialog):
         self._refresh()
 
     def click(self, x: float, y: float) -> None:
-        """Take a click."""
         self._take(self.state.click(x, y))
 
     def back(self) -> None:
-        """Undo the last click."""
         self._take(self.state.back())
 
     def _take(self, state: Photograph) -> None:

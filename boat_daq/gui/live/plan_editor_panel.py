@@ -88,11 +88,9 @@ class PlanEditorPanel(QDialog):
         return field
 
     def paint_theme(self, theme: Theme) -> None:
-        """Use the colours of `theme`."""
         self.card.paint_theme(theme)
 
     def open_fresh(self, snapshot: SessionSnapshot) -> None:
-        """Show the panel."""
         self._shown = None
         self.show()
         self.refresh(snapshot)
@@ -125,7 +123,6 @@ class PlanEditorPanel(QDialog):
         self._draw((limits.min_kpa, limits.max_kpa) if limits else None)
 
     def _fill(self) -> None:
-        """Fill the grids with the segments and the loops."""
         focus = self._focused()
         for grid in (self.grid, self.loops):
             controls.clear(grid)
@@ -147,7 +144,6 @@ class PlanEditorPanel(QDialog):
             self.cells[focus[0]][focus[1]].setFocus()
 
     def _focused(self) -> tuple[int, str] | None:
-        """Return which cell has the focus."""
         cells = ((i, key) for i, row in enumerate(self.cells) for key in row)
         return next(((i, key) for i, key in cells if self.cells[i][key].hasFocus()), None)
 
@@ -182,7 +178,6 @@ class PlanEditorPanel(QDialog):
         self.cells.append(row)
 
     def _draw(self, limits_kpa: tuple[float, float] | None) -> None:
-        """Draw the plan with its limits and readings."""
         if not self.model.editable:
             self.card.show_empty("The preview is drawn here once the plan has segments.")
             return

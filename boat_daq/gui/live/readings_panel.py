@@ -185,7 +185,6 @@ class ReadingBar(QFrame):
                 return
 
     def _show_unit(self) -> None:
-        """Show the unit in which the field is typed."""
         unit = self.run.readings.unit
         press = "press Enter" if self._doubted is None else "Enter again"
         controls.set_text(self.unit, unit if self._short and self._doubted is None else f"{unit}, {press}")
@@ -245,15 +244,12 @@ class ReadingsTableModel(QAbstractTableModel):
             self.headerDataChanged.emit(Qt.Orientation.Horizontal, 0, TABLE_COLUMNS - 1)
 
     def rowCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008
-        """Return the number of plateaus."""
         return 0 if parent.isValid() else len(self.rows)
 
     def columnCount(self, parent: Index = QModelIndex()) -> int:  # noqa: B008
-        """Return the number of columns."""
         return 0 if parent.isValid() else TABLE_COLUMNS
 
     def headerData(self, section: int, orientation: Qt.Orientation, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
-        """Return a heading."""
         if orientation is Qt.Orientation.Vertical:
             return None
         if role == Qt.ItemDataRole.TextAlignmentRole:
@@ -261,7 +257,6 @@ class ReadingsTableModel(QAbstractTableModel):
         return self.readings.headings[section] if role == Qt.ItemDataRole.DisplayRole else None
 
     def data(self, index: Index, role: int = Qt.ItemDataRole.DisplayRole) -> Any:
-        """Return a cell's text, place and weight."""
         row = self.rows[index.row()]
         if role == Qt.ItemDataRole.EditRole and index.column() == EDITABLE and row.typed:
             return row.typed
@@ -276,7 +271,6 @@ class ReadingsTableModel(QAbstractTableModel):
         return None
 
     def setData(self, index: Index, value: Any, role: int = Qt.ItemDataRole.EditRole) -> bool:
-        """Enter an edited reading."""
         step = self.rows[index.row()].step.number
         kept = self.notices.attempt(lambda: self.readings.enter(step, str(value)))
         self.corrected.emit()
@@ -307,7 +301,6 @@ class ReadingsView(QTableView):
         super().resizeEvent(event)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
-        """Handle paste and delete."""
         if event.matches(QKeySequence.StandardKey.Paste):
             self.paste(QGuiApplication.clipboard().text())
         elif event.key() == Qt.Key.Key_Delete:
@@ -351,7 +344,6 @@ class ReadingsTable(QWidget):
         self.setLayout(controls.column(*parts, spacing=style.GAP, margins=(0, 0, 0, 0)))
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
-        """Show the rows as they are now."""
         before = len(self.model.rows)
         rows = self.readings.rows(snapshot)
         self.model.show_rows(rows)
@@ -366,7 +358,6 @@ class ReadingsTable(QWidget):
         self.view.paste(QGuiApplication.clipboard().text())
 
     def import_(self) -> None:
-        """Import a column of readings from a file."""
         paste = self.view.paste
         ask_open(self, self.services, "Import readings", "csv txt tsv", lambda path: paste(read_text(path)))
 
@@ -386,7 +377,6 @@ class ReadingsTab(QWidget):
         self.choose(services.preferences.get("reading_source", BY_HAND))
 
     def choose(self, source: str) -> None:
-        """Show what a source needs."""
         known = max(self.choice.findData(source), 0)
         self.choice.setCurrentIndex(known)
         self.photograph.setVisible(WAYS[known][1] == BY_PHOTOGRAPH)
@@ -394,7 +384,6 @@ class ReadingsTab(QWidget):
         self.services.preferences.set("reading_source", WAYS[known][1])
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
-        """Show table and camera as they are now."""
         self.table.refresh(snapshot)
         if self.camera.isVisible():
             self.camera.refresh(snapshot)

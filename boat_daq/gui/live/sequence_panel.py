@@ -80,13 +80,11 @@ class StaircasePicture(QWidget):
         self.setMinimumHeight(2 * style.CONTROL_HEIGHT)
 
     def show_drawing(self, drawing: StaircaseDrawing) -> None:
-        """Show another drawing."""
         if drawing != self.drawing:
             self.drawing = drawing
             self.update()
 
     def paint_theme(self, theme: Theme) -> None:
-        """Take the colours of `theme`."""
         self.theme = theme
         self.update()
 
@@ -214,7 +212,6 @@ class SequencePanel(QFrame):
         arm.setToolTip(tip)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
-        """Show state, progress and the buttons that may be pressed."""
         model = self.run.sequence
         controls.set_text(self.state, state_text(snapshot, self.run.sequence.units))
         self._show_progress(snapshot)
@@ -333,7 +330,6 @@ class PlanForm(QScrollArea):
         return field
 
     def _show_units(self) -> None:
-        """Show the units in which the entries are typed."""
         for label, stored in self.units:
             controls.set_text(label, self.sequence.unit(stored))
 
@@ -375,15 +371,12 @@ class PlanForm(QScrollArea):
         self.refused.setVisible(bool(refused))
 
     def open(self) -> None:
-        """Open a plan from a file."""
         ask_open(self, self.services, "Open a plan", "toml", self.load)
 
     def load(self, path: Path) -> None:
-        """Load a plan, and choose it."""
         self.sequence.open(path)
 
     def save(self) -> None:
-        """Save the plan to a file."""
         ask_save(self, self.services, self.sequence.plan.name, "toml", self.sequence.save)
 
     def _set_elongation(self) -> None:

@@ -48,7 +48,6 @@ class UnitsPanel(QDialog):
         self.refresh()
 
     def refresh(self) -> None:
-        """Show the units in use."""
         units = self.choice.units
         for quantity, box in self.units.items():
             box.setCurrentIndex(box.findData(getattr(units, quantity)))

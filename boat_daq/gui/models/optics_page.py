@@ -88,7 +88,6 @@ class SceneCard(PlotCard):
         self.drawn = self.plot.corner_text()
 
     def show_state(self, model: OpticsModel) -> None:
-        """Draw the state that the slider selects."""
         scene = model.scene()
         waits = model.waiting_text("the light guide and its rays")
         self.show_empty("" if scene is not None else waits)
@@ -111,7 +110,6 @@ class ResponseCard(PlotCard):
         self.now = self.plot.line(lambda t: t.muted, vertical=True)
 
     def show_result(self, model: OpticsModel) -> None:
-        """Draw a design's response."""
         r = model.result
         waits = model.waiting_text("the detected rays in each state")
         self.show_empty("" if r is not None else waits)
@@ -144,7 +142,6 @@ class MeritMap:
         self.item.setRange(xRange=(0, len(STEPS_MM)), yRange=(0, len(STEPS_MM)), padding=0)
 
     def clicked(self, event: Any, cavities: int) -> None:
-        """Show the design under the mouse."""
         box = self.item.getViewBox()
         if box.sceneBoundingRect().contains(event.scenePos()):
             at = box.mapSceneToView(event.scenePos())
@@ -169,7 +166,6 @@ class MeritMap:
         return tuple((near.argmax(axis=1) + 0.5).tolist()) if near.any(axis=1).all() else ()
 
     def paint_theme(self, theme: Theme) -> None:
-        """Use the colours of `theme`."""
         paint_axis(self.item, "left", theme, "Depth (mm)" if self.column == 0 else "")
         lowest = self.row == (len(STEPS_MM) - 1) // _COLUMNS
         paint_axis(self.item, "bottom", theme, "Spacing (mm)" if lowest else "")
@@ -193,7 +189,6 @@ class MapsCard(PlotCard):
         self.view.scene().sigMouseClicked.connect(self._clicked)
 
     def _scale(self) -> Any:
-        """Return the scale of P, from 0 to 1, beside the maps."""
         item = fixed_plot()
         self.view.addItem(item, row=0, col=_COLUMNS, rowspan=2)
         item.showAxes((False, False, True, False), showValues=(False, False, True, False))
@@ -225,7 +220,6 @@ class MapsCard(PlotCard):
         self.show_sweep()
 
     def show_sweep(self) -> None:
-        """Draw the maps of the chosen number of cavities."""
         sweep = self.model.sweep
         self.show_empty("" if sweep is not None else f"{SWEEP_FIRST}map the merit of each design.")
         self.cavities.setVisible(sweep is not None)
@@ -235,7 +229,6 @@ class MapsCard(PlotCard):
                 shown.show_sweep(sweep, int(self.cavities.currentData()))
 
     def paint_theme(self, theme: Theme) -> None:
-        """Use the colours of `theme`."""
         super().paint_theme(theme)
         paint_axis(self.scale, "right", theme, "P, best = 1")
         for shown in self.maps:
@@ -265,7 +258,6 @@ class StripCard(PlotCard):
             self.model.show_place(round(box.mapSceneToView(event.scenePos()).x()))
 
     def show_sweep(self) -> None:
-        """Draw the sweep."""
         s = self.model.sweep
         self.show_empty("" if s is not None else f"{SWEEP_FIRST}see all designs in their order.")
         if s is None:
@@ -378,7 +370,6 @@ class OpticsPage(ReflowingPage):
             self.model.set_curves(name)
 
     def take_file(self, path: Path) -> None:
-        """Use the deformation curves of a file."""
         self.model.set_curves(str(path))
 
     def _slide(self, state: int) -> None:

@@ -73,7 +73,6 @@ class CyclesCard(PlotCard):
         self.plot.y_range(-1.0, 1.0)
 
     def show_cycles(self) -> None:
-        """Draw the figure of each cycle."""
         name = str(self.figure.currentData())
         x, y = self.monitor.series(name)
         known = np.isfinite(y)
@@ -114,11 +113,9 @@ class ShadowPage(ReflowingPage):
         return controls.card(controls.row(controls.label("Alarms", "subtitle"), (self.verdict, 1)), self.alarms)[0]
 
     def timerEvent(self, event: QTimerEvent) -> None:
-        """Draw one frame while the page is visible."""
         self.pane.draw()
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
-        """Show figures, trace and alarms."""
         self.model.prepare()
         self.pane.refresh(snapshot)
         self.nominal.show_model(self.model)

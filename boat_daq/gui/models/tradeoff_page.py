@@ -118,7 +118,6 @@ class OverviewCard(PlotCard):
         self.inside.addWidget(controls.label(_KEY, "small", wrap=True, name="Key of the overview"))
 
     def show_defaults(self) -> None:
-        """Draw what was measured."""
         places = {
             d.name: (math.log10(d.seconds), math.log10(100.0 * max(d.share, _LEAST_SHARE)))
             for d in self.model.defaults
@@ -135,7 +134,6 @@ class OverviewCard(PlotCard):
         self.paint_theme(self.theme)
 
     def columns(self) -> Columns:
-        """Return each default with its time and error."""
         rows = [
             (METHOD_NAMES[d.name], d.setting, d.seconds, d.per, d.error, d.unit, d.share)
             for d in self.model.defaults
@@ -178,7 +176,6 @@ class DefaultsTable(WrappedTable):
         self.explain({_HEADINGS.index("Share"): SHARE_TIP})
 
     def show_defaults(self, defaults: list[Default]) -> None:
-        """Show what was measured."""
         self.fill([self._row(d) for d in defaults], [d.explanation for d in defaults])
 
     @staticmethod

@@ -62,7 +62,6 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         self.set_theme(style.LIGHT)
 
     def set_theme(self, theme: Theme) -> None:
-        """Use the colours of `theme`."""
         self._line, self._text, self._font = pg.mkPen(theme.grid, width=1), pg.mkPen(theme.muted), style.small_font()
         self._labels: dict[str, QStaticText] = {}
         self.background = style.colour(theme.surface)
@@ -135,7 +134,6 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         return max(self._label(text).size().width() for text in self.tickStrings(ends, 1.0, step)) + _LABEL_GAP
 
     def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
-        """Return the labels of `values`."""
         if self.time:
             return [axis.clock(value, spacing, self._clock) for value in values]
         shown = [self._shown.value(value) for value in values]
@@ -168,7 +166,6 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         return QRectF(0.0, -beyond, self.size().width(), self.size().height() + 2.0 * beyond)
 
     def paint(self, painter: QPainter, option: Any, widget: Any) -> None:
-        """Draw line and labels."""
         painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)
         area = self.rect()
         self._draw_line(painter, area)
@@ -242,7 +239,6 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
             painter.drawLine(QLineF(area.left() - 1, area.top() + 1, area.right() + 1, area.top() + 1))
 
     def _label(self, text: str) -> QStaticText:
-        """Return a laid-out label; it is kept."""
         if text not in self._labels:
             if len(self._labels) >= CACHED_LABELS:
                 self._labels.clear()
@@ -280,7 +276,6 @@ class LogAxis(TickAxis):
     """An axis whose data are base-10 logarithms: labels at powers of ten, at 1-2-5 where few decades are shown."""
 
     def value_text(self, value: float) -> str:
-        """Return a value as the axis shows it."""
         return power_text(10.0**value)
 
     def tickValues(self, minVal: float, maxVal: float, size: float) -> list[tuple[float, list[float]]]:
@@ -288,7 +283,6 @@ class LogAxis(TickAxis):
         return [(1.0, log_ticks(minVal, maxVal))]
 
     def tickStrings(self, values: list[float], scale: float, spacing: float) -> list[str]:
-        """Return the labels of `values`."""
         return [self.value_text(value) for value in values]
 
 

@@ -92,7 +92,6 @@ class PathItem(QGraphicsPathItem):
         self.end.setPath(path)
 
     def extend_surface(self, x: FloatArray, low: FloatArray, high: FloatArray) -> None:
-        """Continue the surface behind its end."""
         path = self.end.path()
         path.addPath(_surface(x, low, high))
         path.setFillRule(Qt.FillRule.WindingFill)
@@ -123,7 +122,6 @@ class PathItem(QGraphicsPathItem):
             self._end.setPath(QPainterPath())
 
     def set_line_colour(self, colour: str, pen_style: Qt.PenStyle) -> None:
-        """Set colour and style of a line."""
         for line in (self, self._end):
             if line is not None:
                 pen = QPen(QColor(colour), COSMETIC if pen_style is Qt.PenStyle.SolidLine else dash_width(), pen_style)
@@ -137,14 +135,12 @@ class PathItem(QGraphicsPathItem):
             part.setBrush(QBrush(colour))
 
     def shape(self) -> QPainterPath:
-        """Return the bounding rectangle."""
         bounds = QPainterPath()
         bounds.addRect(self.path().controlPointRect())
         return bounds
 
 
 def _surface(x: FloatArray, low: FloatArray, high: FloatArray) -> QPainterPath:
-    """Return the outline of a surface."""
     path: QPainterPath = pg.functions.arrayToQPath(np.concatenate([x, x[::-1]]), np.concatenate([low, high[::-1]]))
     path.setFillRule(Qt.FillRule.WindingFill)
     return path
@@ -163,16 +159,13 @@ class Layer:
         self.x, self.y = x, y
 
     def paint(self, theme: Theme) -> None:
-        """Use the colours of `theme`."""
         self._paint(self.item, self.colour(theme))
 
     def clear(self) -> None:
-        """Remove all data."""
         if self.x.size:
             self.set(_EMPTY, _EMPTY)
 
     def show(self, visible: bool) -> None:
-        """Show or hide."""
         self.item.setVisible(visible)
 
 
@@ -182,7 +175,6 @@ class Curve(Layer):
     gaps = False
 
     def set(self, x: FloatArray, y: FloatArray) -> None:
-        """Draw `y` over `x` (same length)."""
         super().set(x, y)
         self.item.draw_line(x, y, gaps=self.gaps)
 
@@ -207,7 +199,6 @@ class Band(Layer):
         self.item.extend_surface(x, low, high)
 
     def clear(self) -> None:
-        """Remove all data."""
         if self.x.size:
             self.fill(_EMPTY, _EMPTY, _EMPTY)
 
@@ -216,7 +207,6 @@ class Points(Layer):
     """Markers; filled or open, of one shape."""
 
     def set(self, x: FloatArray, y: FloatArray) -> None:
-        """Put a marker at each (x, y)."""
         super().set(x, y)
         self.item.setData(x=x, y=y)
 
@@ -251,7 +241,6 @@ class PointLabels:
             item.setPos(x, y)
 
     def paint(self, theme: Theme) -> None:
-        """Use the colours of `theme`."""
         self._theme = theme
         for item in self._items:
             item.setColor(theme.text)
@@ -271,18 +260,15 @@ class CornerText:
 
     @property
     def text(self) -> str:
-        """The text that is shown."""
         return str(self._item.toPlainText())
 
     def set(self, text: str) -> None:
-        """Show a text."""
         self._item.setText(text)
 
     def _place(self, *_: object) -> None:
         self._item.setPos(self._box.width(), 0.0)
 
     def paint(self, theme: Theme) -> None:
-        """Use the colours of `theme`."""
         self._item.setColor(theme.muted)
         self._item.fill = pg.mkBrush(theme.surface)
 
@@ -303,7 +289,6 @@ class PlotBox(pg.ViewBox):  # type: ignore[misc]
         self.along = self.box_next = self._boxes = False
 
     def mouseDragEvent(self, ev: Any, axis: int | None = None) -> None:
-        """Pan, or zoom to a box."""
         if ev.button() is Qt.MouseButton.RightButton:
             ev.ignore()
             return
@@ -317,7 +302,6 @@ class PlotBox(pg.ViewBox):  # type: ignore[misc]
             self.unsetCursor()
 
     def showAxRect(self, ax: Any, **kwargs: Any) -> None:
-        """Show the box as it was drawn."""
         super().showAxRect(ax, padding=0, **kwargs)
 
     def wheelEvent(self, ev: Any, axis: int | None = None) -> None:
@@ -326,7 +310,6 @@ class PlotBox(pg.ViewBox):  # type: ignore[misc]
         super().wheelEvent(ev, 1 if upright else 0 if self.along and axis is None else axis)
 
     def mouseClickEvent(self, ev: Any) -> None:
-        """Show everything after a double click."""
         if ev.double() and ev.button() is Qt.MouseButton.LeftButton:
             ev.accept()
             self.autoscale_wanted.emit()
@@ -350,7 +333,6 @@ class PlotBox(pg.ViewBox):  # type: ignore[misc]
         return all(isinstance(item, pg.ScatterPlotItem) for item in placed)
 
     def zoom_to_next_box(self) -> None:
-        """Zoom to the box that the next drag draws."""
         self.box_next = True
         self.setCursor(Qt.CursorShape.CrossCursor)
 
@@ -428,7 +410,6 @@ class Plot:
         movable: bool = False,
         label: str = "",
     ) -> Any:
-        """Add a straight line over the whole plot."""
         text = label.replace("{", "{{").replace("}", "}}")  # pyqtgraph formats the label
         item = pg.InfiniteLine(pos=at, angle=90 if vertical else 0, movable=movable, label=text or None)
         if label:
@@ -444,19 +425,16 @@ class Plot:
         return item
 
     def labels(self, anchor: tuple[float, float], *, ground: bool = False) -> PointLabels:
-        """Add labels beside points; see `PointLabels`."""
         made = PointLabels(self.item, anchor, ground=ground)
         self._labels.append(made)
         return made
 
     def corner_text(self) -> CornerText:
-        """Add a text in the upper right corner; see `CornerText`."""
         made = CornerText(self.item)
         self._labels.append(made)
         return made
 
     def remove_line(self, item: Any) -> None:
-        """Remove a line."""
         self._lines = [entry for entry in self._lines if entry[0] is not item]
         self.item.removeItem(item)
 
@@ -495,7 +473,6 @@ class Plot:
             self.right.set_title(title, unit)
 
     def right_range(self, low: float, high: float) -> None:
-        """Show [low, high] on the right axis."""
         if high > low and (low, high) != self._right_range:
             self._right_range = (low, high)
             self._place_right()
@@ -518,12 +495,10 @@ class Plot:
                 self._write_titles()
 
     def clear(self) -> None:
-        """Remove the data of all layers."""
         for layer in self.layers:
             layer.clear()
 
     def x_range(self, low: float, high: float) -> None:
-        """Show [low, high] horizontally."""
         if high > low:
             # ranges are never automatic: disabling autorange each time takes as long as the range
             self.item.getViewBox().setRange(xRange=(low, high), padding=0, disableAutoRange=False)
@@ -551,7 +526,6 @@ class Plot:
         self._place_right()
 
     def autoscale(self) -> None:
-        """Show everything again."""
         box = self.item.getViewBox()
         self.y_held = False
         if self._home is not None:
@@ -571,7 +545,6 @@ class Plot:
         self._show_cursor()
 
     def remove_cursor(self) -> None:
-        """Take the cursor away."""
         if self.cursor is not None:
             self.remove_line(self.cursor)
             self.cursor = None
@@ -617,7 +590,6 @@ class Plot:
         return result
 
     def paint(self, theme: Theme) -> None:
-        """Use the colours of `theme`."""
         self._theme = theme
         for ruler in (self.left, self.bottom, self.right):
             if ruler is not None:

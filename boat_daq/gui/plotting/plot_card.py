@@ -78,7 +78,6 @@ class PlotCard(QFrame):
         self.setLayout(self.inside)
 
     def _open_menu(self, at: QPoint) -> None:
-        """Open the menu of the plot at a place of the view."""
         self.view.scene().clickEvents.clear()  # whose release goes to the menu: the next drag would be one of it
         menu = QMenu(self)
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
@@ -92,7 +91,6 @@ class PlotCard(QFrame):
         menu.popup(self.view.mapToGlobal(at))
 
     def add_plot_actions(self, menu: QMenu, plot: Plot, x: float) -> None:
-        """Add the actions of one plot, at `x`, to its menu."""
         menu.addAction("Cursor here", partial(plot.place_cursor, x))
         if plot.cursor is not None:
             menu.addAction("Remove cursor", plot.remove_cursor)
@@ -195,7 +193,6 @@ class PlotCard(QFrame):
             plot.item.setOpacity(style.STALE_OPACITY if stale else 1.0)
 
     def clear(self) -> None:
-        """Remove the data of all plots, and the readout."""
         for plot in self.plots:
             plot.clear()
         self.readout.setText("")
@@ -207,7 +204,6 @@ class PlotCard(QFrame):
             self.paint_theme(self.theme)
 
     def paint_theme(self, theme: Theme) -> None:
-        """Use the colours of `theme`."""
         self.theme = theme
         units = theme.units.of_signals_in(self._signal_unit)
         of_run = theme if units == theme.units else replace(theme, units=units)
@@ -242,7 +238,6 @@ class PlotCard(QFrame):
         return pixmap
 
     def copy(self) -> None:
-        """Put the picture on the clipboard."""
         self.require_data()
         QGuiApplication.clipboard().setPixmap(self.picture())
 

@@ -68,7 +68,6 @@ class ShadowView(QWidget):
             self.update()
 
     def paint_theme(self, theme: Theme) -> None:
-        """Use the colours of `theme`."""
         self.theme = theme
         self.steps = [QColor(style.sequential(i, COLOUR_LEVELS)) for i in range(COLOUR_LEVELS)]
         self.small = style.small_font()
@@ -124,7 +123,6 @@ class ShadowView(QWidget):
         painter.setClipping(False)
 
     def _rest(self, painter: QPainter, picture: ShadowPicture) -> None:
-        """Draw the outline at rest on the fixed base."""
         painter.setBrush(Qt.BrushStyle.NoBrush)
         self._pen(painter, self.theme.muted, 1, Qt.PenStyle.DashLine)
         painter.drawPolygon(_polygon(picture.rest))
@@ -179,7 +177,6 @@ class ShadowView(QWidget):
         painter.setPen(pen)
 
     def _scale(self, painter: QPainter) -> None:
-        """Draw the colour scale with its ends."""
         area = QRectF(self.rect()).adjusted(2 * style.STEP, 0, -2 * style.STEP, 0)
         bar = QRectF(area.left(), area.bottom() - 6 * style.STEP, area.width(), style.GAP)
         step = bar.width() / COLOUR_LEVELS
@@ -258,7 +255,6 @@ class ShadowPane(QWidget):
             raise RequestError("the shadow is not drawn yet", "Wait until it is prepared.")
 
     def copy(self) -> None:
-        """Put the picture on the clipboard."""
         self.require_data()
         QGuiApplication.clipboard().setPixmap(self.view.grab())
 
@@ -279,12 +275,10 @@ class ShadowPane(QWidget):
         return {f"{name}, {axis} (mm)": points[:, k] for name, points in named.items() for k, axis in enumerate("xz")}
 
     def draw(self) -> None:
-        """Draw one frame."""
         if self.isVisible():
             self.view.show_picture(self.model.picture())
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
-        """Show the figures under the picture."""
         self._follow()
         age = age_text(snapshot)
         self.view.show_stale(stale=bool(age))

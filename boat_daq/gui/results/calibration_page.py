@@ -187,7 +187,6 @@ class TextArea(QScrollArea):
         self.fit()
 
     def fit(self) -> None:
-        """Take the height of the texts, up to the limit."""
         needed = self.texts.heightForWidth(self.viewport().width())
         self.setFixedHeight(min(max(needed, 0), style.REMARKS_MOST))
 
@@ -222,7 +221,6 @@ class CalibrationPage(QWidget):
 
     @property
     def plots(self) -> tuple[PlotCard, ...]:
-        """The cards with plots."""
         return (*self.curves, self.loops, self.uncertainty)
 
     def _add_cards(self, sensors: int) -> None:
@@ -237,7 +235,6 @@ class CalibrationPage(QWidget):
                 card.save_wanted.connect(self.curves[0].save_wanted)
 
     def _show_sensors(self, sensors: int) -> None:
-        """Show a card for each sensor."""
         self._add_cards(sensors)
         for i, card in enumerate(self.curves):
             card.setVisible(i < sensors)
@@ -305,19 +302,16 @@ class CalibrationPage(QWidget):
         self.model.request_acceptance(anyway=bool(self.model.out_of_tolerance()))  # as the button reads
 
     def show_certificate(self) -> None:
-        """Show the certificate of the run in a panel beside the window."""
         self.services.notices.attempt(
             lambda: CertificatePanel(self.window(), self.model.certificate(), self.services).show()
         )
 
     def ask_export(self) -> None:
-        """Save the calibration that is shown as data or code."""
         result = self.model.result
         stem = f"{result.unit} calibration" if result is not None else "calibration"
         ask_save(self, self.services, stem, "json h m csv", self.model.export, done="")
 
     def _edit_readings(self) -> None:
-        """Show the readings of the run in a panel beside the window."""
         path = self.model.last_path
         assert path is not None
         self.services.notices.attempt(
@@ -327,7 +321,6 @@ class CalibrationPage(QWidget):
         )
 
     def _next_step(self) -> None:
-        """Take the next step towards a missing curve."""
         if self._step is NextStep.ENTER_READINGS:
             self._edit_readings()
         elif self._step is NextStep.CHOOSE_READINGS:
@@ -371,7 +364,6 @@ class CalibrationPage(QWidget):
             self.services.notices.attempt(lambda: self.model.analyse(path))
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Fit the head to the width."""
         self._fit_head()
         super().resizeEvent(event)
 
@@ -383,7 +375,6 @@ class CalibrationPage(QWidget):
         self.head.setDirection(QBoxLayout.Direction.LeftToRight if beside else QBoxLayout.Direction.TopToBottom)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
-        """Show the result where it has changed."""
         if self.model.revision == self._revision:
             return
         self._revision = self.model.revision

@@ -61,7 +61,6 @@ class CertificatePanel(QDialog):
         self.startTimer(_REFRESH_MS)
 
     def timerEvent(self, event: QTimerEvent) -> None:
-        """Show the pages once they are made."""
         self._follow()
 
     def _follow(self) -> None:

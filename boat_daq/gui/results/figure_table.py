@@ -37,7 +37,6 @@ class TwoLines(QStyledItemDelegate):
             option.displayAlignment = side | Qt.AlignmentFlag.AlignTop
 
     def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: Index) -> None:
-        """Paint the cell."""
         super().paint(painter, option, index)
         _, _, below = str(index.data() or "").partition("\n")
         if below:
@@ -51,7 +50,6 @@ class TwoLines(QStyledItemDelegate):
             painter.restore()
 
     def sizeHint(self, option: QStyleOptionViewItem, index: Index) -> QSize:
-        """Return the size of both lines."""
         hint = super().sizeHint(option, index)
         _, _, below = str(index.data() or "").partition("\n")
         if not below:
@@ -83,7 +81,6 @@ class FigureTable(DataTable):
         self.setItemDelegate(self.lines)
 
     def paint_theme(self, theme: Theme) -> None:
-        """Take the colours of `theme`."""
         self.lines.colour = QColor(theme.muted)
         if theme.units != self.units:
             self.units = theme.units
@@ -91,7 +88,6 @@ class FigureTable(DataTable):
                 self.show_rows(*self._rows)
 
     def show_rows(self, rows: Sequence[Sequence[Cell]], sensors: Sequence[str]) -> None:
-        """Show other figures, with a column for each sensor."""
         self._rows = rows, sensors
         self.set_headings(["Figure", *sensors], stretched=0, right=range(1, 1 + len(sensors)))
         self.fill([shown_row(row, self.units) for row in rows])
@@ -136,7 +132,6 @@ class KeyFigures(QWidget):
     def show_figures(
         self, key: Sequence[Sequence[Cell]], every: Sequence[Sequence[Cell]], sensors: Sequence[str]
     ) -> None:
-        """Show other figures, with a column for each sensor."""
         self._rows = key, every, sensors
         self.table.show_rows(every if self.all.isChecked() or not key else key, sensors)
         rows, frame = self.table.verticalHeader().length(), 2 * self.table.frameWidth()

@@ -44,7 +44,6 @@ class MetadataForm(QDialog):
         self.setLayout(controls.column(*parts, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
 
     def typed(self) -> dict[str, str]:
-        """Return the texts of the fields."""
         return {key: field.text() for key, field in self.fields.items()}
 
     def _save(self) -> None:

@@ -47,7 +47,6 @@ class LoopsByCycle(PlotCard):
         self._arrange(1)
 
     def _arrange(self, sensors: int) -> None:
-        """Show the plots of so many sensors."""
         for number in range(len(self.plots) + 1, sensors + 1):
             plot = self.add(f"Sensor {number}", "% FSO", x_title="Pressure", x_unit="kPa")
             plot.line(lambda t: t.muted, style_=Qt.PenStyle.SolidLine)
@@ -58,7 +57,6 @@ class LoopsByCycle(PlotCard):
         self.paint_theme(self.theme)
 
     def show_groups(self, model: RepeatabilityModel) -> None:
-        """Draw the groups of cycles of each sensor, and the limit."""
         assert model.result is not None
         loops, sensors = model.result.loops, model.result.sensors
         self.clear()
@@ -105,7 +103,6 @@ class CycleFigureCard(PlotCard):
         ]
 
     def show_figure(self, model: RepeatabilityModel, shown: CycleFigure) -> None:
-        """Draw a figure of all cycles."""
         assert model.result is not None
         self.title = shown.name
         self.show_signals_in(model.result.signal_unit)
@@ -133,7 +130,6 @@ class CycleFigureCard(PlotCard):
         self.marks.append(line)
 
     def _show_sensor(self, i: int, each: CycleSeries, numbers: FloatArray, key: str) -> None:
-        """Draw the cycles of a sensor, and the figure of its run."""
         if key == DRIFT_KEY:
             low, high = each.ends if each.ends.size else (_EMPTY, _EMPTY)
             self._set(self.low_ends[i], numbers, low)
@@ -203,7 +199,6 @@ class RepeatPage(QWidget):
         return controls.holder(controls.column(head, (sides, 1), spacing=style.GAP))
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
-        """Show the result where it has changed."""
         model = self.model
         if model.revision == self._revision:
             return
@@ -228,7 +223,6 @@ class RepeatPage(QWidget):
         self.figures.show_figures(result.key_figures, result.figures, [sensor.label for sensor in result.sensors])
 
     def _draw(self) -> None:
-        """Draw the chosen figure."""
         result, shown = self.model.result, self.figure.currentData()
         if result is None or not result.cycles:
             return

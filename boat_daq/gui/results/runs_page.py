@@ -68,7 +68,6 @@ class Thumbnail(QStyledItemDelegate):
     theme: Theme = style.LIGHT
 
     def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: Index) -> None:
-        """Draw the outline in its cell."""
         super().paint(painter, option, index)
         run = index.data(RUN_ROLE)
         if not isinstance(run, RunEntry) or not run.outline:
@@ -85,7 +84,6 @@ class Thumbnail(QStyledItemDelegate):
         painter.restore()
 
     def sizeHint(self, option: QStyleOptionViewItem, index: Index) -> QSize:
-        """Return the thumbnail's size."""
         return QSize(*style.THUMBNAIL)
 
 
@@ -329,13 +327,11 @@ class RunsPage(QWidget):
         controls.allow(self.over_time, "" if self.units.selectedIndexes() else "Choose a line of the units.")
 
     def paint_theme(self, theme: Theme) -> None:
-        """Use the colours and units of `theme`."""
         self.thumbnail.theme = theme
         per_mm = as_text(theme.units.shown("mV/mm").symbol)
         self.units.setHorizontalHeaderLabels([heading.replace("mV/mm", per_mm) for heading in UNIT_HEADINGS])
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
-        """Show the list where it has changed, and scan the folder at intervals."""
         runs = self.model
         runs.scan_at_intervals()
         if runs.comparison is not self._compared:
@@ -383,7 +379,6 @@ class RunsPage(QWidget):
             self.list.selectionModel().setCurrentIndex(here, QItemSelectionModel.SelectionFlag.NoUpdate)
 
     def _show_unit(self) -> None:
-        """Show the calibrations of the chosen unit in a window of their own."""
         row = self.units.currentRow()
         self.services.notices.attempt(
             lambda: UnitWindow(self.window(), self.model.over_time(row), self.services, self.compare_card).show()

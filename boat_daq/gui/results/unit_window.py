@@ -81,7 +81,6 @@ class UnitWindow(QDialog):
         self.startTimer(_REFRESH_MS)
 
     def timerEvent(self, event: QTimerEvent | None = None) -> None:
-        """Show the calibrations once they are read."""
         found = self.model.found
         if self._shown is None and self.model.failed:
             self.due.setText(self.model.failed)
@@ -113,7 +112,6 @@ class UnitWindow(QDialog):
         ask_save(self, self.services, f"{self.model.name} over time", "pdf html", self.model.report, done="")
 
     def _draw_curves(self, sensor: int) -> None:
-        """Draw the curves of a sensor, and each less the first."""
         if self._shown is None or sensor is None or not 0 <= sensor < len(self._shown.histories):
             return
         curves = self._shown.histories[sensor].curves

@@ -55,7 +55,6 @@ class ElidedLabel(QLabel):
         self.setAccessibleDescription(words)
 
     def minimumSizeHint(self) -> QSize:
-        """Ask for the least width."""
         hint = super().minimumSizeHint()
         return QSize(min(self.least, hint.width()), hint.height())
 
@@ -140,7 +139,6 @@ def as_card(frame: QFrame, layout: QLayout) -> None:
 
 
 def menu_button(text: str, tip: str) -> QToolButton:
-    """Return a button that opens its menu."""
     made = QToolButton()
     made.setText(text)
     made.setToolTip(tip)
@@ -172,12 +170,10 @@ def clear(grid: QGridLayout) -> None:
 
 
 def row(*items: Item, spacing: int = style.GAP, margins: Margins | None = None) -> QHBoxLayout:
-    """Return a horizontal layout of `Item`s."""
     return _filled(QHBoxLayout(), items, spacing, margins)
 
 
 def column(*items: Item, spacing: int = style.STEP, margins: Margins | None = None) -> QVBoxLayout:
-    """Return a vertical layout of `Item`s."""
     return _filled(QVBoxLayout(), items, spacing, margins)
 
 
@@ -191,7 +187,6 @@ def holder(layout: QLayout) -> QWidget:
 
 
 def tabs(name: str, *pages: tuple[QWidget, str]) -> QTabWidget:
-    """Return tabs."""
     widget = QTabWidget()
     widget.setDocumentMode(True)
     widget.tabBar().setDrawBase(False)
@@ -250,7 +245,6 @@ def allow(control: QWidget, obstacle: str = "") -> None:
 
 
 def grow(widget: QWidget) -> QWidget:
-    """Let `widget` take the available space."""
     widget.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
     return widget
 

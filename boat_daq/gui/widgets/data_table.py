@@ -61,7 +61,6 @@ class DataTable(QTableWidget):
             self.scrollTo(index)
 
     def explain(self, tips: dict[int, str]) -> None:
-        """Set the tooltips of headings, by column."""
         for column, tip in tips.items():
             self._set_header(column, tip, Qt.ItemDataRole.ToolTipRole)
 
@@ -69,7 +68,6 @@ class DataTable(QTableWidget):
         self.model().setHeaderData(column, Qt.Orientation.Horizontal, value, role)
 
     def fill(self, rows: Sequence[Sequence[Cell]], tips: Sequence[str] = ()) -> None:
-        """Show other rows."""
         self.setRowCount(len(rows))
         for i, cells in enumerate(rows):
             for k, cell in enumerate(cells):

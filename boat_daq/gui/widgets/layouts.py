@@ -28,7 +28,6 @@ class PageScroll(QScrollArea):
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)
 
     def setWidget(self, page: QWidget) -> None:
-        """Set the page."""
         super().setWidget(page)
         page.installEventFilter(self)
         self._fit()
@@ -40,7 +39,6 @@ class PageScroll(QScrollArea):
         return super().eventFilter(watched, event)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Fit the page."""
         super().resizeEvent(event)
         self._fit()
 
@@ -85,21 +83,17 @@ class Leaves(QWidget):
         self._leaves.append(leaf)
 
     def currentWidget(self) -> QWidget:
-        """Return the widget that is shown."""
         return next(leaf for leaf in self._leaves if not leaf.isHidden())
 
     def currentIndex(self) -> int:
-        """Return which widget is shown."""
         return self._leaves.index(self.currentWidget())
 
     def setCurrentWidget(self, wanted: QWidget) -> None:
-        """Show one of the widgets."""
         if wanted.isHidden():
             self.currentWidget().hide()
             wanted.show()
 
     def setCurrentIndex(self, index: int) -> None:
-        """Show the widget of that number, in the order they were added."""
         self.setCurrentWidget(self._leaves[index])
 
 
@@ -136,7 +130,6 @@ class ReflowingPage(QWidget):
             self.reflow()
 
     def reflow(self) -> None:
-        """Follow `narrow`."""
         way = QBoxLayout.Direction.TopToBottom if self.narrow else QBoxLayout.Direction.LeftToRight
         for row in self.rows:
             row.setDirection(way)
@@ -245,7 +238,6 @@ class Shares(QSplitter):
         self._share()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Keep the shares."""
         super().resizeEvent(event)
         self._share()
 

@@ -27,7 +27,6 @@ class FileKind(Enum):
 
 
 def kind_of(path: Path) -> FileKind:
-    """Return what a file is opened as."""
     if not path.is_file():
         raise RequestError(f"{path.name} is {'a folder' if path.is_dir() else 'not there'}", OPENED)
     suffix = path.suffix.lower()

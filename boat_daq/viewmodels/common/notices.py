@@ -73,12 +73,10 @@ class Notice:
 
     @property
     def sentences(self) -> str:
-        """Return cause and remedy as sentences."""
         return " ".join(sentence(part) for part in (self.cause, self.remedy) if part)
 
     @property
     def text(self) -> str:
-        """Return all of it as plain text, for the clipboard."""
         return "\n".join(part for part in (self.cause, self.remedy, self.details) if part)
 
 
@@ -113,11 +111,9 @@ class Notices:
         return notice
 
     def inform(self, cause: str) -> None:
-        """Add information."""
         self.add(Severity.INFORMATION, cause)
 
     def inform_saved(self, path: Path) -> None:
-        """Add that a file was written."""
         self.add(Severity.INFORMATION, f"Saved {path.name}", saved=path)
 
     def ended(self, done: Callable[[Any], object]) -> Callable[[Job], None]:

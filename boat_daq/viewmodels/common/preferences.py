@@ -39,7 +39,6 @@ class Preferences:
         return value if default is None or isinstance(value, type(default)) else default
 
     def set(self, key: str, value: Any) -> None:
-        """Store a JSON value."""
         if self._unsaved or self._values.get(key) != value:
             self._values[key] = value
             self._unsaved.add(key)
@@ -93,7 +92,6 @@ class UnitChoice:
         return replace(STORED_UNITS, rest_length_mm=length if known else STORED_UNITS.rest_length_mm, **chosen)
 
     def choose(self, units: ShownUnits) -> None:
-        """Show values in `units` from now on."""
         self._preferences.set(self.KEY, asdict(units))
         self._apply(units)
 
@@ -118,7 +116,6 @@ class Precision:
 
     @property
     def level(self) -> Level:
-        """Return the level in use."""
         kept = self._preferences.get("fidelity", _DEFAULT)
         return next((level for level in LEVELS if level == kept), _DEFAULT)
 

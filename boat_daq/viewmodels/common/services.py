@@ -86,7 +86,6 @@ class UndoHistory:
         self.undone.clear()
 
     def undo(self) -> None:
-        """Reverse the last change."""
         change = self.done.pop()
         self.undone.append(change)
         change.undo()

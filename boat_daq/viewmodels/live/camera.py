@@ -47,7 +47,6 @@ class CameraModel:
 
     @property
     def source(self) -> str:
-        """The source last used."""
         return str(self._preferences.get(_SOURCE, "0"))
 
     @property
@@ -80,7 +79,6 @@ class CameraModel:
         self.channel = open_channel(self._session, CameraChoice(self.virtual(), CameraScene().mark_mm, unit=unit))
 
     def save_marks(self, path: Path, mark: str) -> None:
-        """Write the sheet of marks to print."""
         from analysis.tracking.sheet import write_sheet
 
         try:
@@ -101,7 +99,6 @@ class CameraModel:
             raise error
 
     def view(self) -> CameraView:
-        """Return what the panel shows now."""
         if self.channel is None:
             return CameraView(None)
         state = self.channel.state

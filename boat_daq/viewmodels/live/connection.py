@@ -245,13 +245,11 @@ class ConnectionModel:
         return answers is not None
 
     def set_unit(self, unit: str) -> None:
-        """Set the unit on the bench."""
         if not unit.strip():
             raise RequestError("the unit has no name", "Enter the name on its label, such as SA1.")
         self._preferences.set("unit", unit.strip())
 
     def connect(self, port: str, profile: str = "") -> None:
-        """Open `port`; the snapshot shows the progress."""
         if not port.strip():
             raise RequestError("no port is selected", "Select a port, or start the virtual board.")
         text = profile_text(profile)

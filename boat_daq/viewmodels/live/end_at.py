@@ -116,7 +116,6 @@ class EndReport:
         self.text = ""
 
     def close(self) -> None:
-        """End the process of an assessment."""
         if self._job is not None:
             self._job.cancel()
             self._job = None

@@ -25,7 +25,6 @@ Rows = tuple[tuple[str, ...], ...]
 
 @cache
 def is_signal(quantity: str) -> bool:
-    """Return whether a quantity is the signal of a sensor."""
     return re.fullmatch(r"s\d_mv", quantity) is not None
 
 
@@ -133,7 +132,6 @@ class Layout:
         return replace(self, rows=tuple(filter(None, rows)), hidden=hidden, right=right)
 
     def without(self, quantity: str) -> Layout:
-        """Return the layout with a quantity hidden."""
         rows = (tuple(q for q in row if q != quantity) for row in self.rows)
         return replace(self, rows=tuple(filter(None, rows)), hidden=(*self.hidden, quantity))
 
@@ -195,7 +193,6 @@ class Layouts:
         return self._current
 
     def change(self, layout: Layout) -> None:
-        """Use a layout, and keep it for the unit."""
         layout.check()
         before, use = self.current, partial(self.use, name=self._unit())
         if layout != before:

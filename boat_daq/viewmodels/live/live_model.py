@@ -155,11 +155,9 @@ class LiveModel:
 
     @property
     def following(self) -> bool:
-        """Return whether the plots follow the data."""
         return self.frozen_s is None
 
     def has_data(self) -> bool:
-        """Return whether a sample has arrived."""
         return not math.isnan(self.now_s())
 
     def sensors(self) -> int:
@@ -188,7 +186,6 @@ class LiveModel:
         return {name: channel for name, channel in found.items() if name in self._measured}
 
     def title(self, quantity: str) -> str:
-        """Return the name of a quantity as the plots show it."""
         channel = self.channels().get(quantity)
         return channel.title if channel is not None else layout_title(quantity)
 
@@ -202,7 +199,6 @@ class LiveModel:
         return channel.unit if channel is not None else unit(quantity)
 
     def text(self, quantity: str, value: float) -> str:
-        """Return a value of a quantity with its unit, as it is shown."""
         return in_units(self.units, self.unit(quantity), value, CHANNEL_DECIMALS if quantity in self.channels() else 1)
 
     def plots(self) -> tuple[Axes, ...]:
@@ -511,7 +507,6 @@ class OverlayModel:
     time_of: Callable[[int], float | None]
 
     def channels(self) -> dict[str, ExtraChannel]:
-        """Return the extra channels of the board, by column."""
         ring = self.ring()
         return {channel.column: channel for channel in ring.channels} if ring is not None else {}
 

@@ -39,7 +39,6 @@ class Photograph:
         return replace(self, clicks=(*self.clicks[:3], (x, y)))
 
     def back(self) -> Photograph:
-        """Return the state before the last click."""
         return replace(self, clicks=self.clicks[:-1])
 
     def next_picture(self) -> Photograph:
@@ -54,7 +53,6 @@ class Photograph:
 
     @property
     def instruction(self) -> str:
-        """Return what to click next."""
         return _STEPS[len(self.clicks)]
 
     @property

@@ -57,7 +57,6 @@ class PlanEditor:
 
     @property
     def plan(self) -> Plan:
-        """Return the plan that is chosen."""
         return self._sequence.plan
 
     @property
@@ -67,18 +66,15 @@ class PlanEditor:
 
     @property
     def editable(self) -> bool:
-        """Return whether the plan is a list of segments."""
         return self.plan.kind == "profile"
 
     def locked(self, snapshot: SessionSnapshot) -> bool:
-        """Return whether a run has the plan."""
         return snapshot.progress is not None and "arm" not in self._sequence.allowed(snapshot) and snapshot.can_command
 
     def _take(self, text: str, **values: Any) -> None:
         self._sequence.take(replace(self.plan, **values), f"{text} of the plan")
 
     def new(self) -> None:
-        """Begin a plan of one step at 0."""
         segments = (Segment("step", 0.0, hold_s=5.0),)
         self._sequence.take(Plan(NEW_NAME, "profile", 1, segments=segments), "a new plan")
 
@@ -111,7 +107,6 @@ class PlanEditor:
         self._take(f"a {kind}", segments=tuple(segments), loops=tuple(filter(None, loops)))
 
     def _usual(self, kind: str) -> dict[str, Any]:
-        """Return the usual values of a new segment."""
         values: dict[str, Any] = dict(USUAL[kind])
         if self.plan.controls_elongation:
             values |= {key: value for key, value in USUAL_MM.items() if key in values}
@@ -190,7 +185,6 @@ class PlanEditor:
             self._take("the quantity", quantity=quantity)
 
     def headings(self) -> list[str]:
-        """Return the headings of `COLUMNS` with the plan's unit."""
         return [heading.format(q=self.plan.quantity) for heading, _ in COLUMNS.values()]
 
     @property

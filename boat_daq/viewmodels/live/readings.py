@@ -53,12 +53,10 @@ class Row:
 
     @property
     def elongation_mm(self) -> float | None:
-        """Return the elongation that was read."""
         return self.reading.elongation_mm if self.reading is not None else None
 
     @property
     def _remark(self) -> tuple[str, str]:
-        """Return remark and sentence on how the plateau ended."""
         status = self.step.status if self.step.detail.get("steady", True) else UNSTEADY
         if self.typed:
             return f"{self.typed}: not entered", f"{self.typed} was typed, but not entered"
@@ -159,7 +157,6 @@ class ReadingsModel:
 
     @classmethod
     def of_closed(cls, path: Path, undo: UndoHistory) -> ReadingsModel:
-        """Return the table of a closed recording."""
         return cls(ClosedRun(path), undo)
 
     def question(self, snapshot: SessionSnapshot) -> str:
@@ -178,7 +175,6 @@ class ReadingsModel:
         return f"{self.text(read[-1]).rpartition(' ')[0]} taken" if read else ""
 
     def text(self, mm: float) -> str:
-        """Return an elongation with its unit."""
         return in_units(self.units, "mm", mm, 2)
 
     @property
@@ -188,11 +184,9 @@ class ReadingsModel:
 
     @property
     def headings(self) -> tuple[str, ...]:
-        """Return the headings of the table."""
         return ("Cycle", "Branch", as_text(self.units.shown("kPa").symbol), self.unit, "Remark")
 
     def latest(self) -> dict[int, Reading]:
-        """Return the newest reading of each plateau."""
         return {reading.step_id: reading for reading in self.session.readings()}
 
     def rows(self, snapshot: SessionSnapshot) -> list[Row]:

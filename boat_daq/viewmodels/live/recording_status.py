@@ -47,11 +47,9 @@ class RecordingStatus:
         return recording.parent if recording is not None else self._run.services.recordings
 
     def toggle(self) -> None:
-        """Start a recording, or close the current one."""
         self._run.toggle_recording()
 
     def text(self, snapshot: SessionSnapshot) -> RecordingText:
-        """Return what the badge shows."""
         path = snapshot.recording
         if path is None:
             can = snapshot.link is LinkState.UP

@@ -132,7 +132,6 @@ class ResumeRun:
         return (first, complete) if steps and complete < plan.cycles else (0, 0)
 
     def arm(self) -> None:
-        """Arm the rest of the interrupted run."""
         plan = self._session.snapshot().plan
         if plan is not None and self.first_cycle:
             self._arm(plan, self.first_cycle)
@@ -207,7 +206,6 @@ class RunModel:
 
     @property
     def snapshot(self) -> SessionSnapshot:
-        """Return the session as it is now."""
         return self.session.snapshot()
 
     def press(self, button: str) -> None:
@@ -287,7 +285,6 @@ class RunModel:
         return named(template, self.services.recordings, datetime.now(UTC).astimezone(), **values)
 
     def toggle_recording(self) -> None:
-        """Start a recording, or close the current one."""
         notices, snapshot = self.services.notices, self.snapshot
         if snapshot.recording is None:
             notices.attempt(self.record, done=f"Recording into {self.services.recordings}")
@@ -310,7 +307,6 @@ class RunModel:
             self.services.notices.attempt(lambda: self.readings.put(step_id, x, "simulated"))
 
     def skip_reading(self) -> None:
-        """Continue the plateau that waits without a reading."""
         self.services.notices.attempt(self.session.skip_reading)
 
     def reading_points(self) -> list[tuple[float, float]]:

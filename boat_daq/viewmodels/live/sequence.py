@@ -202,7 +202,6 @@ class SequenceModel:
         return self.wait_for_reading if self.in_force(snapshot) == self.plan else self._needs_readings
 
     def estimate(self, snapshot: SessionSnapshot) -> str:
-        """Return plateaus and time of the plan in force."""
         return self._estimate(self.in_force(snapshot), waits=self.waits_in_force(snapshot))
 
     def line(self, snapshot: SessionSnapshot) -> str:
@@ -217,7 +216,6 @@ class SequenceModel:
         return drawing(plan, done, (limits.min_kpa, limits.max_kpa) if limits and shown else None)
 
     def choose(self, name: str) -> None:
-        """Select one of the plans by name."""
         self.take(self.plans[name])
 
     def require_readings(self, wanted: bool) -> None:
@@ -236,13 +234,11 @@ class SequenceModel:
         self._undo.push(Change(text, lambda: self._take(plan), lambda: self._take(before)))
 
     def open(self, path: Path) -> None:
-        """Load a plan from a TOML file."""
         plan = plan_from_toml(read_text(path), path.name)
         self.plans[plan.name] = plan
         self.take(plan)
 
     def save(self, path: Path) -> None:
-        """Write the plan as TOML."""
         write_whole(path, self.plan.to_toml())
 
     def edit(self, key: str, text: str) -> str:
@@ -298,7 +294,6 @@ class SequenceModel:
         self._store()
 
     def allowed(self, snapshot: SessionSnapshot) -> tuple[str, ...]:
-        """Return the buttons that may be pressed."""
         return STATE_TEXTS[snapshot.state][2] if snapshot.can_command else ()
 
     def needs_readings(self, snapshot: SessionSnapshot) -> bool:
@@ -306,7 +301,6 @@ class SequenceModel:
         return self._needs_readings and snapshot.state in (SessionState.RUNNING, SessionState.PAUSED)
 
     def press(self, button: str) -> None:
-        """Press a button of the current state."""
         s = self.session
         actions: dict[str, Callable[[], object]] = {
             "arm": self.arm, "start": s.start, "disarm": s.disarm, "pause": s.pause, "resume": s.resume,
@@ -326,7 +320,6 @@ class SequenceModel:
         self._needs_readings = waits
 
     def set_pressure(self, text: str, ramp: str) -> None:
-        """Command a manual pressure."""
         try:
             target_kpa = stored_number(text, self.units, "kPa")
             ramp_kpa_per_s = stored_number(ramp, self.units, "kPa/s")
@@ -439,7 +432,6 @@ def done_s(plan: Plan, snapshot: SessionSnapshot) -> float:
 
 
 def limits_text(limits: Limits | None, units: ShownUnits = STORED_UNITS) -> str:
-    """Return the limits in force and their origin."""
     if limits is None:
         return ""
     high = target(limits.max_kpa, units)

@@ -115,7 +115,6 @@ class ShadowLive:
         return math.nan if self.model is None else float(self.model.table.errors_mm[-1])
 
     def poll(self) -> None:
-        """Load the model, and take it."""
         if self._wanted and not self._begun and not any(map(self._jobs.get, COMPILING)):
             self._begun = True
             self._loading.call(_load)
@@ -124,7 +123,6 @@ class ShadowLive:
             self.model, self._unstable = loaded
 
     def close(self) -> None:
-        """End the helper thread."""
         self._loading.close()
 
     def nominal_at(self, pressure_kpa: float) -> tuple[float, float] | None:
@@ -428,5 +426,4 @@ class ShadowMonitor:
         return self.marks[min(max(place, 1), len(self.marks)) - 1]
 
     def close(self) -> None:
-        """End the helper thread."""
         self._reducing.close()

@@ -48,7 +48,6 @@ class UnitInUse:
         self._followed = ("", False, 0)  # name, whether simulated, revision of the library
 
     def name(self, snapshot: SessionSnapshot) -> str:
-        """Return the unit on the bench."""
         return snapshot.unit or self._connection.unit
 
     def text(self, snapshot: SessionSnapshot) -> str:
@@ -98,7 +97,6 @@ class UnitInUse:
         return regulator_of(units, self.name(snapshot), fusion=fusion, step_mv=step_mv)
 
     def close(self) -> None:
-        """End the helper thread."""
         self.preparation.close()
 
 

@@ -40,7 +40,6 @@ _TEXTS = ("rays", "simulated", "rank_text", "winners", "fans", "error_text")
 
 
 def shipped_sweep() -> SweepSummary:
-    """Return the sweep that ships with the program."""
     from analysis.optics.sweep.figure_of_merit import Merit
 
     stored: dict[str, Any] = read_json(SHIPPED)
@@ -327,11 +326,9 @@ class OpticsModel:
         self.choose(self.values)
 
     def scene(self) -> StateScene | None:
-        """Return the state that the slider selects."""
         return self.result.scenes[self.state] if self.result is not None else None
 
     def state_text(self) -> str:
-        """Return the selected state as text."""
         text = f"state {self.state} of {STATES - 1}"
         if self.result is None:
             return text
@@ -395,7 +392,6 @@ class OpticsModel:
         return 0 if s is None else next((rays for rays in MORE_RAYS if rays > s.rays), 4 * s.rays)
 
     def best_text(self) -> str:
-        """Return the best design of the sweep."""
         s = self.sweep
         return "" if s is None else design_label(tuple(s.values[s.best]))
 
@@ -420,12 +416,10 @@ class OpticsModel:
         return f"{count(others, 'design')} of {len(s.tied)} cannot be told from the best with {rays}.{paper}"
 
     def show_best(self) -> None:
-        """Show the best design of the sweep."""
         if self.sweep is not None:
             self._show_design(self.sweep, self.sweep.best)
 
     def show_paper(self) -> None:
-        """Show the paper's design."""
         self.choose(PAPER_DESIGN, MAPPED_FACE)
 
     def show_place(self, place: int) -> None:
@@ -439,7 +433,6 @@ class OpticsModel:
         self.choose((int(n), width, depth, spacing), MAPPED_FACE)
 
     def _swept(self, job: Job, curves: str) -> None:
-        """Keep a sweep, or why there is none."""
         self.revision += 1
         if job.failure is not None:
             self.sweep_problem = self._reported(job)

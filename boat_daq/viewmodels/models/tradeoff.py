@@ -107,7 +107,6 @@ class TradeoffModel:
 
     @property
     def job(self) -> Job | None:
-        """Return the running measurement."""
         return self.jobs.get(_JOB)
 
     def toggle(self) -> None:

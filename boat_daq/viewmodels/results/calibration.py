@@ -104,7 +104,6 @@ class CalibrationModel:
 
     @property
     def working(self) -> bool:
-        """Whether an analysis is running."""
         return self.jobs.get("analysis") is not None
 
     def analyse_current(self) -> None:
@@ -165,7 +164,6 @@ class CalibrationModel:
         return self.choice or (self.result.curve if self.result is not None else "") or str(USUAL_DEGREE)
 
     def choose_curve(self, name: str) -> None:
-        """Fit another curve, undoably."""
         path, before = self.last_path, self.choice
         if path is None:
             raise RequestError("no run is analysed", "Analyse a run with readings first.")
@@ -179,7 +177,6 @@ class CalibrationModel:
             self._services.undo.push(Change("the choice of a curve", partial(fit, name), partial(fit, before)))
 
     def show_units(self, units: ShownUnits) -> None:
-        """Show values in other units."""
         self.shown_units = units
         self.revision += 1
 
@@ -189,7 +186,6 @@ class CalibrationModel:
         return self.shown_units.of_signals_in(self.result.signal_unit) if self.result is not None else self.shown_units
 
     def curve_headings(self) -> tuple[str, ...]:
-        """Return the headings of the curves in a table."""
         u, error = (as_text(self.units_of_run.shown(unit).symbol) for unit in ("um", "mV"))
         return "Curve", "Verdict", f"U, {u}", f"Error, {error}"
 
@@ -245,7 +241,6 @@ class CalibrationModel:
         return self.units.of(simulated=result.simulated)
 
     def sample(self) -> None:
-        """Sample the posterior in the background."""
         if self.result is None or not self.result.calibrated:
             raise RequestError("there is no calibration yet", "Analyse a run with readings first.")
         if not self.samples():

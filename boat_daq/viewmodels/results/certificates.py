@@ -44,7 +44,6 @@ class CertificateModel:
 
     @property
     def working(self) -> bool:
-        """Whether pages are being made."""
         return self._jobs.get("certificate") is not None
 
     def missing(self) -> tuple[tuple[str, str], ...]:
@@ -67,7 +66,6 @@ class CertificateModel:
         self.show()
 
     def show(self) -> None:
-        """Make the pages in the background."""
         self.failure = ""
         job = Job("Making the certificate", preview_certificate, self._order)
         self._jobs.start("certificate", job, self._shown)

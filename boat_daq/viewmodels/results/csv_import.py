@@ -82,7 +82,6 @@ class CsvImport:
         self._read()
 
     def join(self, path: Path) -> None:
-        """Join a second file of the same run."""
         if path == self.path:
             raise RequestError(f"{path.name} is the first file", "Choose the other file of the run.")
         self.second, self.profile = path, None
@@ -125,7 +124,6 @@ class CsvImport:
 
     @property
     def reading(self) -> bool:
-        """Whether the file is being read."""
         return self._jobs.get("csv") is not None
 
     @property
@@ -223,7 +221,6 @@ class CsvImport:
         return f"{column}:{source.unit}" if source.unit else column
 
     def start(self, name: str) -> None:
-        """Import the file in the background."""
         if obstacle := self.obstacle():
             raise RequestError(f"{self.path.name} cannot be imported yet", obstacle)
         target = path_in(self._folder, f"{name.strip().removesuffix(SUFFIX)}{SUFFIX}")

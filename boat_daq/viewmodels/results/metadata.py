@@ -80,11 +80,9 @@ class MetadataModel:
         return cls(unit, partial(remembered, units, unit), partial(remember, units, unit), undo, OF_A_UNIT)
 
     def stated(self) -> Metadata:
-        """Return what is stated."""
         return self._read()
 
     def texts(self, stated: Metadata) -> dict[str, str]:
-        """Return the texts of the fields that are shown."""
         values = stated.as_json()
         return {key: "" if values[key] is None else _text(values[key]) for key in self.keys}
 

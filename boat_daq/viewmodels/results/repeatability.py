@@ -91,7 +91,6 @@ class RepeatabilityModel:
 
     @property
     def in_progress(self) -> bool:
-        """Whether a run of many cycles is in progress."""
         return self._cycle > 0
 
     def _show_cycle(self, cycle: int) -> None:
@@ -111,7 +110,6 @@ class RepeatabilityModel:
             self.analyse(path)
 
     def analyse(self, path: Path, *, label: str = "") -> None:
-        """Analyse a recording in the background."""
         level, label = self.fidelity.level, label or f"Repeatability of {path.name}"
         job = Job(label, analyse_run, str(path), level=level)
         self.jobs.start("repeatability", job, self._analysed)
@@ -124,7 +122,6 @@ class RepeatabilityModel:
             self.revision += 1
 
     def show(self, result: RunResult) -> None:
-        """Show a result."""
         self.result, self.failure = result, ""
         self.headline = "   ".join(
             [result.unit_text, count(result.cycles, "complete cycle"), duration(result.duration_s)]
@@ -133,7 +130,6 @@ class RepeatabilityModel:
         self.revision += 1
 
     def verdict(self) -> tuple[str, str]:
-        """Return state and text of the verdict on the limits."""
         found = self.result.verdict if self.result is not None else None
         known = found is not None and found.limits_state != "none"
         return verdict_text(found.limits_state, found.limits_text) if found is not None and known else ("", "")
@@ -164,7 +160,6 @@ class RepeatabilityModel:
         return np.array_split(np.arange(self.result.cycles if self.result is not None else 0), GROUPS)
 
     def numbers(self) -> FloatArray:
-        """Return the numbers of the cycles."""
         return np.asarray(self.result.loops.numbers if self.result is not None else (), dtype=float)
 
     def limit(self, shown: CycleFigure) -> tuple[float, str]:

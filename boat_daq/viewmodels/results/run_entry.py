@@ -56,7 +56,6 @@ class RunEntry:
 
     @property
     def note(self) -> str:
-        """The operator's note."""
         return (self.summary.note if self.summary is not None else None) or ""
 
     def matches(self, words: str) -> bool:
@@ -66,7 +65,6 @@ class RunEntry:
 
     @property
     def tip(self) -> str:
-        """The tooltip."""
         s = self.summary
         if s is None:
             return self.problem

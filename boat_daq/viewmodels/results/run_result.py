@@ -181,7 +181,6 @@ class RunResult(RunCalibration):
 
     @property
     def unit_text(self) -> str:
-        """The unit, marked where it is simulated."""
         return f"{self.unit or 'no unit'}{'  SIMULATED' if self.simulated else ''}"
 
 
@@ -215,7 +214,6 @@ def analyse_run(
 def _run_result(
     found: Analysis, path: Path, candidates: Sequence[tuple[CurveCandidate, ...]] = (), *, preliminary: bool = False
 ) -> RunResult:
-    """Return an analysed run as the pages show it."""
     from analysis.stopping.criterion import DRIFT, SPREAD, half_width
 
     loops, budgets = found.loops, found.budgets.budgets if found.budgets is not None else ()

@@ -125,7 +125,6 @@ class RunsModel:
         return found
 
     def poll(self) -> None:
-        """Take the list from the helper thread."""
         if self._future is not None and self._future.done():
             future, self._future = self._future, None
             found = future.result()
@@ -152,7 +151,6 @@ class RunsModel:
 
     @property
     def unit_lines(self) -> list[tuple[str, ...]]:
-        """Return the lines of the units that are shown."""
         return [line for simulated, line in self.units_read if simulated in self._kinds]
 
     def interrupted(self) -> list[Path]:
@@ -223,7 +221,6 @@ class RunsModel:
         self.start("compare", Job("Comparing", compare_runs, paths), self.show_comparison)
 
     def show_comparison(self, comparison: tuple[RunResult, ...] = ()) -> None:
-        """Show a comparison, or none."""
         self.comparison = comparison
 
     @property
@@ -300,7 +297,6 @@ class RunsModel:
         return UnitOverTimeModel(units, cells[0].removesuffix(SIMULATED_MARK), self.jobs, self._notices)
 
     def close(self) -> None:
-        """End the helper thread."""
         self._pool.shutdown(wait=False, cancel_futures=True)
 
 

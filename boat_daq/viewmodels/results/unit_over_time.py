@@ -15,7 +15,6 @@ from protocol.base.units import NOTHING, STORED_UNITS, ShownUnits, as_text
 
 
 def history_headings(units: ShownUnits) -> tuple[str, ...]:
-    """Return the headings of the calibrations of a unit."""
     slope, u = (as_text(units.shown(unit).symbol) for unit in ("mV/mm", "um"))
     return "Accepted", "Sensor", f"b\u2081 \u00b1 U, {slope}", f"U of x, {u}", "E\u2099", "Finding"
 
@@ -55,7 +54,6 @@ class UnitOverTimeModel:
 
     @property
     def title(self) -> str:
-        """The unit as the window names it."""
         return f"{self.name}  SIMULATED" if self.units.simulated else self.name
 
     def report(self, target: Path) -> None:

@@ -133,13 +133,7 @@ def _shadow(analysis: Analysis) -> dict[str, Any] | None:
 
 
 def _filmed(recording: Recording, run: Path, choice: CameraChoice, *, store: bool) -> tuple[Recording, str]:
-    """Return a recording with the elongations of a video of its run, and why the result is not stored.
-
-    Parameters
-    ----------
-    choice : the video and its marks.
-    store : whether the readings are kept in the recording.
-    """
+    """Return a recording with the elongations of a video of its run, and why the result is not stored."""
     from analysis import load_recording
     from analysis.data.boat_file import is_boat_file, store_video
     from boat_daq.workflows.camera_tracking import film

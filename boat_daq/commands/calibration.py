@@ -167,12 +167,7 @@ def _output(to: Path | None) -> Iterator[TextIO]:
 def _converted_file(
     file: Path, found: CalibrationFile, mapping: list[str] | None, rate_hz: float | None
 ) -> Generator[pd.DataFrame, None, None]:
-    """Yield the converted rows of a file.
-
-    Parameters
-    ----------
-    file : a recording, or a CSV.
-    """
+    """Yield the converted rows of a recording or a CSV."""
     from analysis.calibration_export.conversion import convert_recording, converted_rows, other_unit
     from analysis.data.boat_file import is_boat_file
     from analysis.data.load import load_recording

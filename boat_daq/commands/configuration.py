@@ -169,12 +169,7 @@ def _summary(shown: Unit) -> dict[str, Any]:
 
 
 def _values(values: Settings | Unit, keys: list[str] | None) -> dict[str, dict[str, Any]]:
-    """Return value and description by key.
-
-    Raises
-    ------
-    ChoiceError : an unknown key.
-    """
+    """Return value and description by key. ChoiceError: an unknown key."""
     from boat_daq.engine.described import described
     from protocol.base.errors import ChoiceError, one_of
 

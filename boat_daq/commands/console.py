@@ -112,12 +112,7 @@ def present(content: Any, *lines: str, as_json: bool) -> None:
 def show_table(
     columns: Iterable[str], rows: Iterable[Iterable[str]], *, left: int = 1, title: str | None = None
 ) -> None:
-    """Print a table on standard output.
-
-    Parameters
-    ----------
-    left : number of leading columns that are aligned to the left; the others are numbers.
-    """
+    """Print a table on standard output, its first `left` columns aligned to the left; the others are numbers."""
     from boat_daq.commands.terminal import print_table
 
     print_table(columns, rows, left, title)

@@ -143,14 +143,7 @@ def record_on_virtual_board(
 ) -> None:
     """Run a plan on a virtual board over a real port, and enter readings from its true values, marked as simulated.
 
-    Parameters
-    ----------
-    speed : board time over real time.
-    uncertainty_mm : U at which the run has enough cycles; None runs all.
-
-    Raises
-    ------
-    DeviceError : the run ended early.
+    DeviceError: the run ended early.
     """
     from boat_daq.engine.session.reading_sources import enter_simulated_readings
     from boat_daq.engine.simulator.server import BoardSettings, serve

@@ -114,12 +114,7 @@ def _sampled(posterior: Posterior) -> str:
 
 
 def _content(found: GeneralFit, calibration: Calibration, masked: int) -> dict[str, Any]:
-    """Return the object of the fit without posterior and bands.
-
-    Parameters
-    ----------
-    found, calibration : the fit, and its calibration with the reading of x.
-    """
+    """Return the object of the fit without posterior and bands; `calibration` knows of the reading of x."""
     from analysis.calibration.checks import fit_checks
 
     return (
@@ -168,12 +163,7 @@ def _tested(found: GeneralFit) -> list[str]:
 
 
 def _readings(file: Path, x: str, y: str, u: str | None, position: str | None) -> _Points:
-    """Return the complete rows of the columns.
-
-    Parameters
-    ----------
-    x, y, u, position : names of the columns; None for one that was not named.
-    """
+    """Return the complete rows of the columns."""
     import numpy as np
 
     from analysis.data.csv_table import read_table

@@ -88,13 +88,7 @@ Scheduler = Annotated[str | None, typer.Option(help="Address of a Dask scheduler
 def released_rays(
     rays: int | None, secondary: int | None, level: Level | None, of_level: Callable[[Fidelity], int]
 ) -> tuple[int, int]:
-    """Return the number of rays and the budget of secondary rays.
-
-    Parameters
-    ----------
-    rays, secondary : values given, else those of the precision, else the paper's.
-    of_level : a precision's number of rays.
-    """
+    """Return the number of rays and the budget of secondaries: those given, else the precision's, else the paper's."""
     from analysis.fidelity import fidelity
 
     chosen = PAPER_RAYS if level is None else of_level(fidelity(level))
@@ -226,13 +220,7 @@ def trace(
 def _traced(
     frame: SceneFrame, design: Design, guide: Waveguide, light: Light, tolerance: float | None
 ) -> ToleratedTrace:
-    """Trace a scene with the rays of a light, or with those that a tolerance takes.
-
-    Parameters
-    ----------
-    frame, design, guide, light : see `trace_within`.
-    tolerance : largest error of the count; None for any error.
-    """
+    """Trace a scene with the rays of a light, or with those that a tolerance of the count takes."""
     from analysis.optics.tracer.simulation import trace as trace_scene
     from analysis.optics.tracer.tolerance import ToleratedTrace, stated_error, trace_within
 
@@ -261,12 +249,7 @@ def _trace_lines(traced: ToleratedTrace, state: int) -> tuple[str, ...]:
 
 
 def _with_sd(value: float, sd: float, decimals: int) -> str:
-    """Return a value with its standard deviation, to two significant digits of that (GUM, 7.2.6).
-
-    Parameters
-    ----------
-    value, sd : a single ray has no spread, and is written without.
-    """
+    """Return a value with its standard deviation, to two significant digits of that (GUM, 7.2.6), where it has one."""
     if not math.isfinite(sd):
         return f"{value:.{decimals}f}"
     from analysis.numbers import decimals_for

@@ -127,12 +127,7 @@ def _camera_opener(camera: str, unit: str) -> Callable[[Session], CameraChannel]
 
 
 def _check_asked(given: Mapping[str, float | None]) -> None:
-    """Refuse two ends of a run, and values that are no number above 0; `given` is the value for each kind of plan.
-
-    Raises
-    ------
-    BadParameter : there are two. RequestError : as `check_asked`.
-    """
+    """Refuse two ends of a run, and values that are no number above 0; `given` is the value for each kind of plan."""
     from analysis.stopping.requirement import check_asked
 
     for kind, unit in (("staircase", "mm"), ("continuous", "% FSO")):
@@ -144,12 +139,7 @@ def _check_asked(given: Mapping[str, float | None]) -> None:
 
 
 def _check_kind(plan: Plan | None, given: Mapping[str, float | None]) -> None:
-    """Refuse an end by a value that plans of this kind do not have; `given` is the value for each kind.
-
-    Raises
-    ------
-    BadParameter : the plan is of another kind.
-    """
+    """Refuse an end by a value that plans of this kind do not have; `given` is the value for each kind."""
     kind = None if plan is None else plan.kind
     for only, asked in given.items():
         if asked is None or kind == only:
@@ -168,15 +158,7 @@ def _entry(
 ) -> Callable[[Session], None]:
     """Return the function that enters the readings of the plateaus reached.
 
-    Parameters
-    ----------
-    file, readings : CSV of readings, and its rows now.
-    request : whose plan must have a plateau for each reading, where a run begins.
-    growing : the file still grows while the plan is run.
-
-    Raises
-    ------
-    RequestError : the readings do not match the plan, see `check_against_plan`.
+    With `growing` the file grows while the plan is run. RequestError: as `check_against_plan`, where a run begins.
     """
     from boat_daq.engine.session.reading_sources import (
         check_against_plan,
@@ -214,15 +196,7 @@ def _report(summary: Summary, failure: str, request: SessionRequest) -> None:
 def broken_run(path: Path, plan: str | None, changes: dict[str, Any], *, unit: str) -> BrokenRun:
     """Return the interrupted run of a recording, closed properly.
 
-    Parameters
-    ----------
-    plan, changes : a plan and changes to it that were given; they must result in the recording's own.
-    unit : a name that was given; it must be the recording's own.
-
-    Raises
-    ------
-    RequestError : another unit or plan, or there is nothing to resume.
-    StorageError, RecordingError : the file is damaged.
+    RequestError: another unit or plan is given, or there is nothing to resume. StorageError: the file is damaged.
     """
     from boat_daq.engine.plan import load_plan
     from boat_daq.engine.recording.resumption import prepare_resumption, read_broken_run
@@ -252,16 +226,7 @@ def chosen_plan(name: str | None, changes: dict[str, Any]) -> Plan | None:
 
 
 def _path(out: Path | None, unit: str, plan: str, operator: str) -> Path:
-    """Return the file to record into: as given, by a template, or a dated name.
-
-    Parameters
-    ----------
-    out : file, or a template with fields in braces; None for the template of the settings.
-
-    Raises
-    ------
-    RequestError : the template gives no name of a file.
-    """
+    """Return the file to record into: as given, by a template (of the settings without `out`), or a dated name."""
     from boat_daq.engine.settings import load_settings
 
     template = out.name if out is not None else load_settings().file_name
@@ -272,11 +237,6 @@ def _path(out: Path | None, unit: str, plan: str, operator: str) -> Path:
 
 
 def dated_name(unit: str) -> Path:
-    """Return a name in this folder, of date, time and unit.
-
-    Raises
-    ------
-    RequestError : the unit's name cannot be part of a file name.
-    """
+    """Return a name in this folder, of date, time and unit."""
     stamp = datetime.now().astimezone().strftime("%Y-%m-%d_%H%M%S")
     return path_in(Path(), f"{stamp}_{unit}.boat" if unit else f"{stamp}.boat")

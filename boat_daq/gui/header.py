@@ -221,12 +221,7 @@ def _pressed_button(text: str, style_name: str, name: str, act: Callable[[], Non
 
 
 class Navigation(QWidget):
-    """A button for each page.
-
-    Parameters
-    ----------
-    pages : names in the order of the shortcuts Ctrl+1, Ctrl+2, ...
-    """
+    """A button for each page, in the order of the shortcuts Ctrl+1, Ctrl+2, ..."""
 
     def __init__(self, pages: Sequence[Page], go: Callable[[Page], None], show_keys: Callable[[], None]) -> None:
         super().__init__()

@@ -59,12 +59,7 @@ class ValueRow:
         return str(self.field.currentData()) if isinstance(self.field, QComboBox) else self.field.text()
 
     def show_text(self, text: str, *, other: bool) -> None:
-        """Show what is stored, where that has changed; what is being typed stays.
-
-        Parameters
-        ----------
-        other : whether it is of another subject than before.
-        """
+        """Show what is stored, where that or the subject (`other`) has changed; what is being typed stays."""
         if text == self._text and not other:
             return
         self._text = text

@@ -73,10 +73,6 @@ def camera_choice(text: str, unit: str = "", mark_mm: float | None = None) -> Ca
     """Return the camera that an option names: its source, or a TOML file with it, its marks, lens and video.
 
     Paths in the file are relative to it; `mark_mm` replaces its value.
-
-    Raises
-    ------
-    FileError : the file cannot be read as TOML. RequestError : an unknown key, a wrong value, or no source.
     """
     marks: dict[str, Any] = {} if mark_mm is None else {"mark_mm": mark_mm}
     path = Path(text)

@@ -113,16 +113,7 @@ def calibration_before(recording: Recording) -> CalibrationRecord | None:
 
 
 def write_certificate(certificate: Certificate, path: str | Path) -> Path:
-    """Write a certificate: PDF/A-3 with the Digital Calibration Certificate attached, or that alone as XML.
-
-    Parameters
-    ----------
-    path : ends in .pdf or .xml.
-
-    Raises
-    ------
-    RequestError : another ending. FileError : it cannot be written.
-    """
+    """Write a certificate: PDF/A-3 with the Digital Calibration Certificate attached, or that alone as XML."""
     path = Path(path)
     kind = path.suffix.lower()
     if kind not in (".pdf", ".xml"):

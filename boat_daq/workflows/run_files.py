@@ -44,16 +44,7 @@ def export_run(path: Path, target: Path, *, progress: Progress | None = None) ->
 
 
 def export_calibration(path: Path, target: Path, *, curve: str = "", progress: Progress | None = None) -> str:
-    """Write the calibration of a recording in the form of the suffix of `target`: .json, .h, .m or .csv.
-
-    Parameters
-    ----------
-    curve : choice of `chosen_curve`.
-
-    Returns
-    -------
-    What a user of the values must know; empty where there is nothing.
-    """
+    """Write a recording's calibration as .json, .h, .m or .csv; return what its user must know, empty for nothing."""
     from analysis.calibration_export.calibration_file import CalibrationFile
     from analysis.calibration_export.forms import FORMS, write_calibration
 

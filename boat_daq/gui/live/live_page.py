@@ -59,12 +59,7 @@ _SHOWN = {  # value -> its stored unit, its widest text, the decimals of it
 
 
 class ValueDisplay(QWidget):
-    """One measured value: its name, the value in large digits, its unit.
-
-    Parameters
-    ----------
-    notes : the widest notes, in a wide and in a narrow window; none moves anything when it comes or goes.
-    """
+    """One measured value: name, large digits, unit; `notes` are the widest in a wide and in a narrow window."""
 
     def __init__(self, title: str, unit: str, example: str, notes: Notes = ((), ())) -> None:
         super().__init__()

@@ -237,12 +237,7 @@ class LivePlots(PlotCard):
         return True
 
     def _move_on(self, added: PlotFrame, end_s: float) -> bool:
-        """Move the pixels by whole columns and paint only what is new; return whether that was possible.
-
-        Parameters
-        ----------
-        end_s : time of the last sample that is drawn.
-        """
+        """Move the pixels by whole columns and paint what is new, after `end_s`; return whether that was possible."""
         boxes = [plot.item.getViewBox() for plot in self.rows]
         if not boxes or added.high_s > self._laid_until_s:
             return False

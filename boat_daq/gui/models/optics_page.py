@@ -447,12 +447,7 @@ def labelled(fields: Iterable[tuple[str, QWidget]]) -> QGridLayout:
 
 
 def select(field: QComboBox, value: object, text: str) -> None:
-    """Select a value.
-
-    Parameters
-    ----------
-    value : one that is not offered is added at the end while it is selected.
-    """
+    """Select a value; one that is not offered is added at the end while it is selected."""
     offered = int(field.property("offered") or field.count())
     field.setProperty("offered", offered)
     while field.count() > offered:

@@ -38,12 +38,7 @@ _HIGHEST = 1000
 
 
 class WrappedTable(DataTable):
-    """Rows as high as the texts of their wrapped columns.
-
-    Parameters
-    ----------
-    stretched : the columns that share the remaining width, and are wrapped.
-    """
+    """Rows as high as their texts; the columns in `stretched` share the remaining width, and are wrapped."""
 
     def __init__(self, name: str, headings: Sequence[str], *, stretched: Sequence[int], right: Sequence[int]) -> None:
         super().__init__(name, headings, stretched=stretched[0], right=right)

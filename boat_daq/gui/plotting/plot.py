@@ -212,12 +212,7 @@ class Points(Layer):
 
 
 class PointLabels:
-    """Short texts beside points of a plot; a label once made is kept and hidden until it is needed again.
-
-    Parameters
-    ----------
-    ground : whether a label covers what lies under it, as one on a curve must.
-    """
+    """Short texts beside points of a plot, each made once and then hidden; with `ground` they cover what is below."""
 
     def __init__(self, item: Any, anchor: tuple[float, float], *, ground: bool = False) -> None:
         self._plot, self._anchor, self._ground = item, anchor, ground

@@ -31,12 +31,7 @@ Columns = Mapping[str, Any]
 
 
 class PlotCard(QFrame):
-    """Plots in a frame.
-
-    Parameters
-    ----------
-    title : title, accessible name and stem of saved files.
-    """
+    """Plots in a frame; `title` is also the accessible name and the stem of saved files."""
 
     copy_wanted = Signal(object)  # the card; the window copies and confirms
     save_wanted = Signal(object, str)  # the card and a suffix; the window asks for the file
@@ -242,24 +237,14 @@ class PlotCard(QFrame):
         QGuiApplication.clipboard().setPixmap(self.picture())
 
     def save(self, path: Path) -> None:
-        """Save as .png, .svg or .csv, by the suffix of `path`.
-
-        Raises
-        ------
-        OSError : the path cannot be written.
-        """
+        """Save as .png, .svg or .csv, by the suffix of `path`. OSError: it cannot be written."""
         save_export(path, self.title, self.view, self.picture, self.columns)
 
 
 def save_export(
     path: Path, title: str, view: QWidget, picture: Callable[[], QPixmap], columns: Callable[[], Columns]
 ) -> None:
-    """Save a picture or its numbers, by the suffix of `path`.
-
-    Raises
-    ------
-    OSError : the path cannot be written.
-    """
+    """Save a picture or its numbers, by the suffix of `path`. OSError: it cannot be written."""
     if path.suffix == ".csv":
         tables.save_csv(path, columns())
         return
@@ -283,12 +268,7 @@ def save_export(
 
 
 def export_button(title: str, tip: str, copy: Callable[[], object], save: Callable[[str], object]) -> QToolButton:
-    """Return the button with the menu that copies and saves a picture.
-
-    Parameters
-    ----------
-    save : function of the suffix: png, svg or csv.
-    """
+    """Return the button whose menu copies and saves a picture; `save` takes the suffix: png, svg or csv."""
     tool = QToolButton()
     tool.setText("\u22ef")
     tool.setToolTip(tip)

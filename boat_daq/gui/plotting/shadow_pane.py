@@ -259,12 +259,7 @@ class ShadowPane(QWidget):
         QGuiApplication.clipboard().setPixmap(self.view.grab())
 
     def save(self, path: Path) -> None:
-        """Save the picture as .png or .svg, or the guides and tracked points, (x, z) mm, as .csv.
-
-        Raises
-        ------
-        OSError : the path cannot be written.
-        """
+        """Save the picture as .png or .svg, or the guides and tracked points, (x, z) mm, as .csv."""
         save_export(path, "Shadow of the actuator", self.view, self.view.grab, self.columns)
 
     def columns(self) -> dict[str, Any]:

@@ -108,12 +108,7 @@ class FigureTable(DataTable):
 
 
 class KeyFigures(QWidget):
-    """The six figures that are read first, and all of them on request.
-
-    Parameters
-    ----------
-    name : key under which the choice is kept.
-    """
+    """The six figures that are read first, and all of them on request; the choice is kept by `name`."""
 
     def __init__(self, name: str, preferences: Preferences) -> None:
         super().__init__()

@@ -34,12 +34,7 @@ EXPLANATIONS = {
 
 
 class UnitWindow(QDialog):
-    """Curves over each other, b1 and U over time, E_n, and when the unit is due again.
-
-    Parameters
-    ----------
-    like : a card of the window: theme, and what its menu does.
-    """
+    """Curves over each other, b1 and U over time, E_n, and when the unit is due again; plots as those of `like`."""
 
     def __init__(self, parent: QWidget, model: UnitOverTimeModel, services: Services, like: PlotCard) -> None:
         super().__init__(parent)

@@ -23,13 +23,7 @@ _RIGHT = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
 
 
 class DataTable(QTableWidget):
-    """Rows of texts; each column is as wide as its texts, one takes the rest.
-
-    Parameters
-    ----------
-    name : accessible name.
-    stretched : the column that takes the remaining width.
-    """
+    """Rows of texts; each column is as wide as its texts, `stretched` takes the rest."""
 
     def __init__(
         self, name: str, headings: Sequence[str] = (), *, stretched: int = -1, right: Sequence[int] = ()

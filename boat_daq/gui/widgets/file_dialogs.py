@@ -73,12 +73,7 @@ def ask_save(
 
 
 def ask_open(parent: QWidget, services: Services, title: str, suffixes: str, then: Then) -> QFileDialog:
-    """Show a dialog to open a file, then call `then(path)`; its error becomes a notice.
-
-    Parameters
-    ----------
-    suffixes : the endings allowed, separated by spaces.
-    """
+    """Show a dialog for files with these suffixes, then call `then(path)`; its error becomes a notice."""
     dialog = _dialog(parent, services, title, suffixes, then, "")
     dialog.setFileMode(QFileDialog.FileMode.ExistingFile)
     return dialog

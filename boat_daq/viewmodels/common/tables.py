@@ -37,10 +37,5 @@ def csv_text(columns: Mapping[str, Sequence[Any]]) -> str:
 
 
 def save_csv(path: Path, columns: Mapping[str, Sequence[Any]]) -> None:
-    """Write `columns` to `path`.
-
-    Raises
-    ------
-    OSError : the path cannot be written.
-    """
+    """Write `columns` to `path`."""
     write_whole(path, csv_text(columns))

@@ -33,12 +33,7 @@ class CameraView:
 
 
 class CameraModel:
-    """The camera beside the session.
-
-    Parameters
-    ----------
-    virtual : returns where the camera of the virtual board is; empty without one.
-    """
+    """The camera beside the session; `virtual` returns where that of the virtual board is, empty without one."""
 
     def __init__(self, session: Session, preferences: Preferences, virtual: Callable[[], str] = lambda: "") -> None:
         self._session, self._preferences, self.virtual = session, preferences, virtual
@@ -55,12 +50,7 @@ class CameraModel:
         return str(self._preferences.get(MARK, "10"))
 
     def open(self, source: str, mark: str) -> None:
-        """Open a camera, in place of the one that is open.
-
-        Parameters
-        ----------
-        mark : side of the marks' black square, mm, as typed; 0 takes the millimetre grid.
-        """
+        """Open a camera in place of the open one; `mark` is the side of the square, mm, 0 for the millimetre grid."""
         try:
             mark_mm = plain_number(mark)
         except ValueError:

@@ -85,12 +85,7 @@ class Axes:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Which plot shows what.
-
-    Parameters
-    ----------
-    right : quantities on the right axis of their plot.
-    """
+    """Which plot shows what; `right` are quantities on the right axis of their plot."""
 
     rows: Rows = ()
     hidden: tuple[str, ...] = ()

@@ -472,13 +472,9 @@ class LiveModel:
 
 
 def _span(name: str, unit: str, decimals: int, time_s: FloatArray, values: FloatArray, sign: float) -> Span:
-    """Return the statistics of one column between the cursors; SNR is mean over standard deviation.
+    """Return the statistics of one column between the cursors; `sign` is -1 where B is before A.
 
     The difference is that of the means next to the cursors, over `HEADLINE_S` or half of the span.
-
-    Parameters
-    ----------
-    sign : -1 where B is before A.
     """
     keep = np.isfinite(values)
     x, y = time_s[keep] - time_s[0], values[keep]
@@ -495,12 +491,7 @@ def _span(name: str, unit: str, decimals: int, time_s: FloatArray, values: Float
 
 @dataclass(frozen=True, slots=True)
 class OverlayModel:
-    """The last `CYCLES_KEPT` cycles of the run, each from its own beginning, to be overlaid.
-
-    Parameters
-    ----------
-    time_of : converts board time (microseconds) to the ring's time; None where the ring does not hold it.
-    """
+    """The last `CYCLES_KEPT` cycles of the run, each from its own beginning, to be overlaid."""
 
     ring: Callable[[], RingBuffer | None]
     steps: Callable[[], tuple[StepMark, ...]]

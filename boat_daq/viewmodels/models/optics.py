@@ -92,12 +92,7 @@ class StateScene(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class DesignResult:
-    """One design in all states; `ndr` counts rays of 250.
-
-    Parameters
-    ----------
-    ndr_sd, error : [states] standard deviation of `ndr`, and its error (k = 2) from the number of rays.
-    """
+    """One design in all states; `ndr` counts rays of 250, with standard deviation and error (k = 2) of each state."""
 
     scenes: tuple[StateScene, ...]
     elongation_mm: FloatArray
@@ -172,13 +167,7 @@ def elongations_of(name: str, curves: FloatArray) -> FloatArray:
 def trace_design(
     values: Values, rays: int, curves: str = "default", face: str = "outer", *, progress: Progress | None = None
 ) -> DesignResult:
-    """Return a design's rays and response in every state.
-
-    Parameters
-    ----------
-    values : cavities, width, depth, spacing (mm).
-    rays : number in each state.
-    """
+    """Return the rays and the response in every state of a design; `rays` is the number in each."""
     from analysis.optics.scene.curves import frames_of
     from analysis.optics.scene.parameters import Design, Waveguide, light_by
     from analysis.optics.sweep.figure_of_merit import merit, resolution

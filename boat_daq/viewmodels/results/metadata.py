@@ -87,12 +87,7 @@ class MetadataModel:
         return {key: "" if values[key] is None else _text(values[key]) for key in self.keys}
 
     def state(self, typed: Mapping[str, str], lines: str | None = None) -> Metadata:
-        """Add what was typed, undoably; return the metadata then.
-
-        Parameters
-        ----------
-        lines : free fields, `name = value` on each line; None leaves them.
-        """
+        """Add what was typed and free lines `name = value` (None leaves them), undoably; return the metadata then."""
         before = self.stated()
         free = {} if lines is None else dict.fromkeys(before.fields, "") | free_fields(lines)
         after = before.changed({**free, **typed})

@@ -261,12 +261,7 @@ class RunsModel:
         self.jobs.start(name, job, ended)
 
     def _read_units(self, names: Mapping[str | None, str]) -> list[UnitLine]:
-        """Return the units with each of their calibrations: unit, date, sensitivities, recording.
-
-        Parameters
-        ----------
-        names : present names of the recordings by UUID.
-        """
+        """Return the units' calibrations: unit, date, sensitivities, recording; `names` of recordings by UUID."""
         lines: list[UnitLine] = []
         per_mm = self.shown_units.shown("mV/mm")
         places = per_mm.decimals(1)

@@ -94,10 +94,12 @@ class Registry:
         self.actions[command] = action
 
     def _pressed(self, command: Command) -> None:
-        """Close a popup that is open over the window (palette, menu, list), then run the command."""
-        popup = QApplication.activePopupWidget()
+        """Close a popup that is open over the window (palette, menu, list) and take what is typed, then run it."""
+        popup, focus = QApplication.activePopupWidget(), QApplication.focusWidget()
         if popup is not None:
             popup.close()
+        elif isinstance(focus, QLineEdit) and command.shortcut != "Esc":  # which undoes it
+            focus.editingFinished.emit()  # as when the focus leaves the field
         self.run(command)
 
     def run(self, command: Command) -> None:

@@ -340,6 +340,19 @@ def test_vent_key_and_button_vent_whatever_is_open(front, qtbot):
         to_front(front, qtbot)
 
 
+def test_what_is_typed_counts_for_the_next_command(front):
+    """3 cycles were typed, F5 armed the 5 before them, and the form then showed 3."""
+    armed = []
+    front.model.session.arm = lambda plan, **_: armed.append(plan.cycles)
+    front.live.pane.setCurrentWidget(front.live.plan)
+    field = front.live.plan.fields["cycles"]
+    field.setFocus()
+    field.selectAll()
+    QTest.keyClicks(field, "3")
+    press(front, Key.Key_F5)
+    assert armed == [3]
+
+
 def open_(window, qtbot, name):
     """Open something, and wait until it has the keyboard."""
     (OPENED | DIALOGS)[name](window)

@@ -47,7 +47,6 @@ def _open_window(
     file: Path | None = None,
     first_steps: bool = False,
 ) -> NoReturn:
-    """Open the window, and end with its exit code."""
     if port is not None and board:
         raise typer.BadParameter("use either --port or --board")
     if profile is not None and port is None:

@@ -30,7 +30,6 @@ class _Points(NamedTuple):
     masked: int
 
     def of(self, rows: BoolArray) -> _Points:
-        """Return the points of some rows, [n] True."""
         u, positions = (None if part is None else part[rows] for part in (self.u, self.positions))
         return _Points(self.x[rows], self.y[rows], u, positions, self.masked)
 

@@ -469,7 +469,6 @@ def optimise(
 
 
 def cavity_counts(text: str) -> list[int]:
-    """Return the numbers of cavities in an option such as 3,5,7."""
     try:
         found = [int(part) for part in text.split(",")]
     except ValueError:

@@ -69,7 +69,6 @@ def qualify(
 
 
 def _chosen(drills: Sequence[Drill], names: Sequence[str] | None) -> list[Drill]:
-    """Return the drills of these names; all without names."""
     known = {drill.__name__: drill for drill in drills}
     chosen = [name.replace("-", "_") for name in names or known]
     for name in chosen:

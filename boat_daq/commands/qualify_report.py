@@ -71,7 +71,6 @@ def _signature(who: str) -> tuple[str, str, str, str]:
 
 
 def _installation(content: dict[str, Any]) -> tuple[tuple[str, str], ...]:
-    """Return the lines on program, computer and disk."""
     program, machine, disk = content["program"], content["machine"], content["disk"]
     return (
         ("Program", f"boat-daq {program['version']}, files {program['sha256'][:16]}, in {program['folder']}"),

@@ -25,7 +25,6 @@ MeshOption = Annotated[Path | None, typer.Option("--mesh", help="A .vtu or .msh 
 
 
 def note_unused(fidelity: Level | None) -> None:
-    """Report that a precision changes nothing."""
     if fidelity is not None:
         notify("not used here: --fidelity; mesh and table are the same at each")
 

@@ -309,7 +309,6 @@ def _present(twin: TwinFile, *lines: str, as_json: bool) -> None:
 
 
 def _show_figures(groups: dict[str, dict[str, DynamicFigure]]) -> None:
-    """Print figures with their intervals, a row each."""
     rows = [
         (group, name.replace("_", " "), _UNITS[unit], f"{figure.value:.3g}", f"{figure.low:.3g} .. {figure.high:.3g}")
         for group, figures in groups.items()

@@ -19,8 +19,6 @@ PROFILE_HINT = "Empty for a BOAT board; else an RX8 line of Bridge Control Panel
 
 
 class ConnectPanel(QDialog):
-    """Chooses a port and connects."""
-
     def __init__(self, parent: QWidget, connection: ConnectionModel, services: Services) -> None:
         super().__init__(parent)
         self.connection, self.services = connection, services

@@ -40,8 +40,6 @@ class Vents:
 
 
 class Header(QWidget):
-    """The header; `refresh` shows a snapshot."""
-
     def __init__(
         self,
         connection: ConnectionModel,
@@ -297,12 +295,10 @@ class Strip(QWidget):
         controls.surface(self, "strip", controls.column(self.head, self.details, spacing=0, margins=(0, 0, 0, 0)))
 
     def fold(self, *, low: bool) -> None:
-        """Take less height in a low window."""
         self._least = style.STRIP_HEIGHT_LOW if low else style.STRIP_HEIGHT
         self._fit()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Show the whole message at another width."""
         super().resizeEvent(event)
         self._fit()
 
@@ -356,7 +352,6 @@ class Strip(QWidget):
         self.close_.setVisible(bool(notice and notice.stays))
 
     def _toggle_details(self) -> None:
-        """Show the details of the message in place of the history, or hide them."""
         shown = self.details.isVisible() and not self.messages.isChecked()
         self.messages.setChecked(False)
         self.details.setPlainText(self._shown.text if self._shown else "")
@@ -411,8 +406,6 @@ _KEY = "Ctrl+R"
 
 
 class RecordingBadge:
-    """The two widgets; the header places them."""
-
     def __init__(self, status: RecordingStatus, services: Services) -> None:
         self.status = status
         self.badge: QPushButton = controls.button("", lambda: open_folder(status.folder, services), "rec")

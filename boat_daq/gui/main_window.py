@@ -118,7 +118,6 @@ class MainWindow(QMainWindow):
 
     @cached_property
     def import_panel(self) -> ImportPanel:
-        """The import of a table, made where it is first shown."""
         return ImportPanel(self, self.model.csv_import, self.model.services)
 
     def open_page(self, name: Place) -> Any:
@@ -170,8 +169,6 @@ class MainWindow(QMainWindow):
             timer.start(_CALM_MS)
         self.refresh()
 
-    # ---- the two timers ------------------------------------------------------------------------------------------
-
     def draw(self) -> None:
         """Draw the moving parts of the visible page, and set the time of the next frame."""
         live = self.page is Page.MEASURE
@@ -203,8 +200,6 @@ class MainWindow(QMainWindow):
         title = self.model.title()
         if title != self.windowTitle():
             self.setWindowTitle(title)
-
-    # ---- navigation ----------------------------------------------------------------------------------------------
 
     @property
     def place(self) -> Place:
@@ -355,10 +350,7 @@ class MainWindow(QMainWindow):
         save = partial(data_table.save_table, table)
         ask_save(self, self.model.services, table.accessibleName(), "csv", save)
 
-    # ---- look ----------------------------------------------------------------------------------------------------
-
     def follow_theme(self, *_: object) -> None:
-        """Apply the preferred theme, or the system's."""
         self.set_theme(THEMES.get(self.model.preferences.get("theme", "system")) or style.system_theme())
 
     def choose_theme(self, name: str) -> None:
@@ -388,8 +380,6 @@ class MainWindow(QMainWindow):
             if paint is not None:
                 of_model = any(page is widget or page.isAncestorOf(widget) for page in models)
                 paint(self.theme if of_model else shown)
-
-    # ---- open and close -------------------------------------------------------------------------------------------
 
     def sizeHint(self) -> QSize:
         return QSize(*style.WINDOW_SIZE)
@@ -436,7 +426,6 @@ class MainWindow(QMainWindow):
         return False
 
     def closeEvent(self, event: QCloseEvent) -> None:
-        """Store the state of the window; vent and close."""
         if event.spontaneous() and not self._may_leave():
             event.ignore()
             return

@@ -191,8 +191,6 @@ def in_order(letters: str, text: str) -> bool:
 
 
 class Tutorial(QDialog):
-    """The tutorial of the window, with its pictures."""
-
     def __init__(self, parent: QWidget, page: Path) -> None:
         super().__init__(parent)
         self.setWindowTitle("Your first calibration")

@@ -157,7 +157,6 @@ class WindowKeys(QObject):
                 self.watch(widget.windowHandle())
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Return whether the event was handled here."""
         if event.type() in PLACED and isinstance(watched, QWindow):
             self._clear_header(watched)
         if isinstance(event, QMouseEvent) and event.type() is QEvent.Type.MouseButtonPress:
@@ -199,7 +198,6 @@ class WindowKeys(QObject):
         self._moving = False
 
     def _overrides(self, event: QKeyEvent, focus: QWidget | None) -> bool:
-        """Decide whether a key is kept from the shortcuts, or from the control with the focus."""
         if event.key() == Qt.Key.Key_F4 or (event.key() == Qt.Key.Key_Escape and not _nothing_open()):
             return _keep(event)
         if event.key() == Qt.Key.Key_Space:

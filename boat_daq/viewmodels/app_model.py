@@ -160,7 +160,6 @@ class AppModel:
         return snapshot
 
     def _follow_kind(self) -> None:
-        """Choose the tab of the cycles when a repeatability run begins."""
         before, self._continuous = self._continuous, self.repeatability.in_progress
         if self._continuous and not before:
             self.services.choose(Tab.REPEATABILITY)

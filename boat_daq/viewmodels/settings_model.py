@@ -52,8 +52,6 @@ class SettingsModel:
         self.refused: RequestError | None = None  # why the settings file was not used
         self.revision = 0  # grows with every change from this page
 
-    # ---- what is shown ---------------------------------------------------------------------------------------------
-
     def subjects(self, in_use: str) -> list[tuple[str, str]]:
         """Return (text, subject): the program, the stored units, and the unit in use, which may not be stored yet."""
         names = sorted({*self._units.names(), *([in_use] if in_use else [])})
@@ -86,8 +84,6 @@ class SettingsModel:
     def metadata(self, unit: str) -> MetadataModel:
         """Return the form of what the unit's next recordings state."""
         return MetadataModel.of_unit(self._units, unit, self._undo)
-
-    # ---- what is stored --------------------------------------------------------------------------------------------
 
     def enter(self, subject: str, typed: Mapping[str, str]) -> None:
         """Store values that were typed, undoably; nothing where they are those that are stored."""
@@ -160,7 +156,6 @@ def refusal(about: Described, text: str) -> str:
 
 
 def note(about: Described) -> str:
-    """Return range, default and effect of a value."""
     text = next((text for value, text in about.choices if value == about.default), text_of(about.default))
     shown = "" if about.choices or isinstance(about.default, bool) else about.range_text
     effect = f"applies {about.applies}" if about.applies is not Applies.NOW else ""

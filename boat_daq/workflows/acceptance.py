@@ -247,7 +247,6 @@ def missed_bounds(
 
 
 def accepted_record(run: RunCalibration, posterior: Sequence[Mapping[str, Any]] = ()) -> CalibrationRecord:
-    """Return what is stored with the unit when the calibration of a run is accepted."""
     return CalibrationRecord(
         sensors=tuple(sensor.record for sensor in run.sensors if not sensor.void),
         simulated=run.simulated,

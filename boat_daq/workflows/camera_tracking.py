@@ -48,7 +48,6 @@ class CameraChoice:
         return MarkTracker(Optics(self.mark_mm, self.u_mark_mm, lens))
 
     def about(self, tracker: MarkTracker) -> dict[str, Any]:
-        """Return what a recording keeps of the camera."""
         plane = tracker.plane
         return {
             "source": self.source,
@@ -144,7 +143,6 @@ def _no_elongation(record: CameraRecord) -> tuple[str, str]:
 
 
 def film(recording: Recording, choice: CameraChoice, progress: Progress | None = None) -> Recording:
-    """Return a recording with the elongations of a video of its run."""
     from analysis.tracking.run import with_video
 
     record, about = track_video(choice, progress)

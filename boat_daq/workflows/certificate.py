@@ -98,7 +98,6 @@ def analyses_for(order: CertificateOrder, progress: Progress | None = None) -> t
 
 
 def _with_values(recording: Recording, values: Mapping[str, str]) -> Recording:
-    """Return the recording with metadata that were stated for its certificate."""
     stated = recording.metadata.changed(values).as_json()
     return dataclasses.replace(recording, meta={**recording.meta, **stated})
 

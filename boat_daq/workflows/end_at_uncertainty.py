@@ -43,7 +43,6 @@ class EndUncertainty:
 
     @classmethod
     def of(cls, found: StopAssessment, asked: float, unit: str) -> EndUncertainty:
-        """Return that of an assessment of all complete cycles."""
         value = max((criterion.now for criterion in found.criteria), default=None)
         text = f"{asked:g} {unit} asked: not reached, {found.end}" if found.void else found.end
         return cls(asked, unit, value, found.cycles, found.reached, text)
@@ -146,7 +145,6 @@ class EnoughCycles:
         )
 
     def _take(self, job: Job, complete_cycles: int) -> None:
-        """Report an assessment, and end the run where it is enough."""
         if job.state is not JobState.DONE:
             cause = job.failure.cause if job.failure is not None else str(job.state.value)
             self._not_known(cause)

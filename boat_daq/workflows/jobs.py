@@ -35,8 +35,6 @@ _LOWEST_NICE = 19
 
 
 class JobState(Enum):
-    """State of a job."""
-
     RUNNING = "running"
     DONE = "done"
     FAILED = "failed"

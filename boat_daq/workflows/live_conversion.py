@@ -106,7 +106,6 @@ def prepare(record: CalibrationRecord, units: UnitLibrary | None = None) -> Conv
 
 
 def lacks_code() -> bool:
-    """Return whether machine code is missing in the cache."""
     from analysis.compile_all import is_complete
 
     return not is_complete()

@@ -214,7 +214,6 @@ def clear_latched_fault(session: Session, seen: SessionSnapshot, notify: Notify)
 
 
 def vent_residual_pressure(session: Session, notify: Notify) -> None:
-    """Vent a unit that a previous session left under pressure."""
     last = session.snapshot().last
     if last is None or last.state not in (BoardState.RAMPING, BoardState.HOLDING):
         return

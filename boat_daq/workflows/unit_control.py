@@ -225,7 +225,6 @@ def _collected(refusals: list[RequestError]) -> Iterator[None]:
 
 
 def as_regulator(controller: ElongationController) -> Regulator:
-    """Return what the engine drives a unit by."""
     from analysis.elongation_control.controller import StopCode
 
     kinds = {

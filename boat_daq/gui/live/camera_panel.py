@@ -91,8 +91,6 @@ class MarkedPicture(QWidget):
 
 
 class CameraPanel(QWidget):
-    """Opens a camera and shows what it reads."""
-
     def __init__(self, model: CameraModel, services: Services) -> None:
         super().__init__()
         self.model, self.services, self.notices = model, services, services.notices

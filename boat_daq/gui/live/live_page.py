@@ -175,8 +175,6 @@ class FirstSteps(QScrollArea):
 
 
 class LivePage(QWidget):
-    """The page Measure on a `RunModel`."""
-
     def __init__(
         self,
         run: RunModel,
@@ -426,7 +424,6 @@ class LivePage(QWidget):
         figures["target"].set(NOTHING if age else head.target, age=age)
 
     def _show_marks(self, snapshot: SessionSnapshot) -> None:
-        """Show what the frames of the plots do not draw: limits, markers, readings, age, values at the mouse."""
         limits = snapshot.limits
         self.plots.show_limits(limits.min_kpa if limits else None, limits.max_kpa if limits else None)
         self.plots.arrange()

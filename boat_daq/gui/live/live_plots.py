@@ -374,7 +374,6 @@ class LivePlots(PlotCard):
         self.show_values()
 
     def show_values(self) -> None:
-        """Show the values at the mouse, each in its plot beside a line."""
         at, values = self._mouse, {}
         boxes = [plot.item.getViewBox() for plot in self.rows] if at is not None else []
         for box in (box for box in boxes if box.sceneBoundingRect().contains(at)):
@@ -510,7 +509,6 @@ class OverlayPlots(PlotCard):
         self._shown: list[str] = []
 
     def _arrange(self, names: list[str], channels: Mapping[str, ExtraChannel]) -> None:
-        """Show the plots of the sensors and channels that the board has."""
         if names == self._shown:
             return
         self._shown = names

@@ -22,8 +22,6 @@ _TOKEN = "Clients send the token before they control; those of other computers b
 
 
 class OutletsPanel(QDialog):
-    """Switches the outlets, and shows what is open."""
-
     def __init__(self, parent: QWidget, model: OutletsModel, services: Services) -> None:
         super().__init__(parent)
         self.model, self.services = model, services
@@ -112,7 +110,6 @@ class OutletsPanel(QDialog):
 
 
 def _check(text: str, changed: Callable[[], None]) -> QCheckBox:
-    """Return a check box whose clicks are followed."""
     box = QCheckBox(text)
     box.setAccessibleName(text)
     box.clicked.connect(lambda *_: changed())

@@ -122,8 +122,6 @@ class PictureView(QGraphicsView):
 
 
 class PhotographPanel(QDialog):
-    """The picture, and the reading that its clicks give."""
-
     def __init__(self, parent: QWidget, run: RunModel, services: Services) -> None:
         super().__init__(parent)
         self.run, self.services = run, services
@@ -198,7 +196,6 @@ class PhotographPanel(QDialog):
         self.view.show_marks(self.state.clicks)
 
     def accept_reading(self) -> None:
-        """Enter the reading for the plateau that waits."""
         waiting, x = self.run.snapshot.waiting_for_reading, self.state.elongation_mm
         if waiting is None or x is None:
             return

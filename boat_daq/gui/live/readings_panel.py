@@ -327,8 +327,6 @@ class ReadingsView(QTableView):
 
 
 class ReadingsTable(QWidget):
-    """The table of readings with its buttons."""
-
     def __init__(self, readings: ReadingsModel, services: Services) -> None:
         super().__init__()
         self.readings, self.services = readings, services

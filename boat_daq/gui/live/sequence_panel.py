@@ -116,8 +116,6 @@ class StaircasePicture(QWidget):
 
 
 class SequencePanel(QFrame):
-    """The line of a `RunModel`: state, progress, buttons."""
-
     def __init__(self, run: RunModel, notices: Notices) -> None:
         super().__init__()
         self.run, self.notices = run, notices
@@ -147,7 +145,6 @@ class SequencePanel(QFrame):
         self._fit()
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Fit the height to the lines of the uncertainty."""
         super().resizeEvent(event)
         self._fit()
 
@@ -226,8 +223,6 @@ class SequencePanel(QFrame):
 
 
 class PlanForm(QScrollArea):
-    """The plan of a `SequenceModel`."""
-
     def __init__(self, sequence: SequenceModel, end_at: EndAt, services: Services) -> None:
         super().__init__()
         self.sequence, self.end_at, self.services = sequence, end_at, services

@@ -19,8 +19,6 @@ _NAMES = {"pressure": "Pressure", "voltage": "Signal", "length": "Elongation", "
 
 
 class UnitsPanel(QDialog):
-    """Chooses the units."""
-
     def __init__(self, parent: QWidget, choice: UnitChoice, services: Services, changed: Callable[[], None]) -> None:
         super().__init__(parent)
         self.choice, self.attempt, self.changed = choice, services.notices.attempt, changed

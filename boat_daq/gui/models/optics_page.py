@@ -350,7 +350,6 @@ class OpticsPage(ReflowingPage):
         return controls.inside(labelled(zip(names, (*self.fields.values(), self.face), strict=True)))
 
     def _details(self) -> QHBoxLayout:
-        """Return the ranks of the sweep, and the shape it is traced with."""
         curves = [*((words, name) for name, words in CURVE_NAMES.items()), ("From a file \u2026", FROM_FILE)]
         tip = "Shape of the actuator's wall in each state: computed, by a formula, or measured"
         self.curves = controls.choice("Deformation curves", curves, self._choose_curves, tip=tip)

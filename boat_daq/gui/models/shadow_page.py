@@ -58,8 +58,6 @@ class NominalCard(PlotCard):
 
 
 class CyclesCard(PlotCard):
-    """One figure of every cycle, with the alarms marked."""
-
     def __init__(self, monitor: ShadowMonitor) -> None:
         super().__init__("Cycle by cycle", _CYCLES)
         self.monitor = monitor
@@ -90,8 +88,6 @@ class CyclesCard(PlotCard):
 
 
 class ShadowPage(ReflowingPage):
-    """The shadow page."""
-
     def __init__(self, model: ShadowLive, monitor: ShadowMonitor, services: Services) -> None:
         super().__init__()
         self.model, self.monitor = model, monitor

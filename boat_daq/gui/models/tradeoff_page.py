@@ -51,7 +51,6 @@ class WrappedTable(DataTable):
         )  # to the last widths
 
     def fill(self, rows: Sequence[Sequence[Cell]], tips: Sequence[str] = ()) -> None:
-        """Show other rows; parameters as of `DataTable`."""
         super().fill(rows, tips)
         self._fit()
 
@@ -88,8 +87,6 @@ _REACHES, _APART = (0.35, 0.2), (0.3, 0.13)  # decades of time and of error: to 
 
 
 class OverviewCard(PlotCard):
-    """Time and error of every default."""
-
     def __init__(self, model: TradeoffModel) -> None:
         super().__init__("All methods")
         self.model = model
@@ -164,8 +161,6 @@ def placed_numbers(places: dict[str, tuple[float, float]]) -> list[list[tuple[fl
 
 
 class DefaultsTable(WrappedTable):
-    """Every method with its default."""
-
     def __init__(self) -> None:
         super().__init__("Default of each method", _HEADINGS, stretched=(1, 2, 3, 4), right=(0, 5))
         self.explain({_HEADINGS.index("Share"): SHARE_TIP})
@@ -183,8 +178,6 @@ class DefaultsTable(WrappedTable):
 
 
 class TradeoffPage(ReflowingPage):
-    """Speed and accuracy."""
-
     def __init__(self, model: TradeoffModel, precision: Precision, services: Services) -> None:
         super().__init__()
         self.model, self.precision, self.services = model, precision, services

@@ -129,7 +129,6 @@ class PathItem(QGraphicsPathItem):
                 line.setPen(pen)
 
     def set_fill_colour(self, colour: QColor) -> None:
-        """Set the colour of a surface, without an outline."""
         for part in filter(None, (self, *self._parts, self._end)):
             part.setPen(QPen(Qt.PenStyle.NoPen))
             part.setBrush(QBrush(colour))
@@ -333,8 +332,6 @@ class PlotBox(pg.ViewBox):  # type: ignore[misc]
 
 
 class Plot:
-    """One plot of a card."""
-
     def __init__(self, item: Any, title: str, unit: str, *, x_title: str = "", x_unit: str = "") -> None:
         self.item, self.title, self.unit = item, title, unit
         self.x_title, self.x_unit = x_title, x_unit
@@ -483,7 +480,6 @@ class Plot:
         self.right.setRange(low, high)
 
     def set_title(self, title: str, unit: str) -> None:
-        """Set what the vertical axis measures."""
         if (title, unit) != (self.title, self.unit):
             self.title, self.unit = title, unit
             if self._theme is not None:

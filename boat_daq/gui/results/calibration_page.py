@@ -182,7 +182,6 @@ class TextArea(QScrollArea):
         self.setWidget(self.texts)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Take the height that the texts need at this width."""
         super().resizeEvent(event)
         self.fit()
 
@@ -192,8 +191,6 @@ class TextArea(QScrollArea):
 
 
 class CalibrationPage(QWidget):
-    """The calibration page."""
-
     def __init__(
         self,
         model: CalibrationModel,

@@ -20,8 +20,6 @@ PAGE_SCALE = 0.85  # of the screen's height that the panel takes at most
 
 
 class CertificatePanel(QDialog):
-    """Fields for what is missing, beside the pages."""
-
     def __init__(self, parent: QWidget, model: CertificateModel, services: Services) -> None:
         super().__init__(parent.window())
         self.model, self.services = model, services

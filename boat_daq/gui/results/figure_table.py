@@ -71,8 +71,6 @@ def shown_row(row: Sequence[Cell], units: ShownUnits) -> Sequence[Cell]:
 
 
 class FigureTable(DataTable):
-    """Figures of all sensors."""
-
     def __init__(self, name: str = "Figures with units, intervals and limits; definitions as tooltips") -> None:
         super().__init__(name)
         self.units = STORED_UNITS

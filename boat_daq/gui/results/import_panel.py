@@ -23,8 +23,6 @@ CAPTURE_TIP = "Read captured serial text through the text profile of its board"
 
 
 class ImportPanel(QDialog):
-    """Imports one file."""
-
     def __init__(self, parent: QWidget, model: CsvImport, services: Services) -> None:
         super().__init__(parent)
         self.over, self.model, self.services = parent, model, services
@@ -139,7 +137,6 @@ class ImportPanel(QDialog):
 
 
 def _fill(choice: QComboBox, entries: Sequence[tuple[str, object]], value: object) -> None:
-    """Show these (text, value) entries in a choice, that of `value` chosen."""
     choice.clear()
     for text, entry in entries:
         choice.addItem(text, entry)

@@ -15,8 +15,6 @@ FREE_HINT = "name = value, one on each line"
 
 
 class MetadataForm(QDialog):
-    """States metadata."""
-
     def __init__(self, parent: QWidget, model: MetadataModel, services: Services) -> None:
         super().__init__(parent.window())
         self.model, self.services = model, services

@@ -154,8 +154,6 @@ class CycleFigureCard(PlotCard):
 
 
 class RepeatPage(QWidget):
-    """The repeatability page."""
-
     def __init__(self, model: RepeatabilityModel, choose_plan: Callable[[], None], services: Services) -> None:
         super().__init__()
         self.model, self.services = model, services

@@ -63,8 +63,6 @@ UNIT_HEADINGS = ("Unit", "Accepted", "Sensitivity, mV/mm", "Recording")
 
 
 class Thumbnail(QStyledItemDelegate):
-    """Draws the pressure of a run as a small outline."""
-
     theme: Theme = style.LIGHT
 
     def paint(self, painter: QPainter, option: QStyleOptionViewItem, index: Index) -> None:
@@ -88,8 +86,6 @@ class Thumbnail(QStyledItemDelegate):
 
 
 class RunsPage(QWidget):
-    """The recordings of a folder and the units."""
-
     def __init__(self, model: RunsModel, actions: RunActions, services: Services) -> None:
         super().__init__()
         self.model, self.other_pages, self.services = model, actions, services
@@ -269,7 +265,6 @@ class RunsPage(QWidget):
         return [run.path for run in self.selected()]
 
     def _run(self, action: Callable[[Path], object], page: Place | None = None) -> None:
-        """Run an action with the chosen recording, then show the page of its result."""
         for path in self._paths()[:1]:
             if self.services.notices.attempt(partial(action, path)) and page is not None:
                 self.services.show(page)

@@ -132,7 +132,6 @@ def card(*items: Item) -> tuple[QFrame, QVBoxLayout]:
 
 
 def as_card(frame: QFrame, layout: QLayout) -> None:
-    """Make `frame` a framed surface around `layout`."""
     frame.setObjectName("card")
     layout.setContentsMargins(style.CARD_PADDING, style.GAP, style.CARD_PADDING, style.GAP)
     frame.setLayout(layout)

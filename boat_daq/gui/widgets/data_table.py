@@ -37,7 +37,6 @@ class DataTable(QTableWidget):
         self.set_headings(headings, stretched=stretched, right=right)
 
     def set_headings(self, headings: Sequence[str], *, stretched: int = -1, right: Sequence[int] = ()) -> None:
-        """Replace the columns; parameters as of the class."""
         self.setColumnCount(len(headings))
         self.setHorizontalHeaderLabels(list(headings))
         self._right = frozenset(right)

@@ -253,8 +253,6 @@ class Shares(QSplitter):
 
 
 class EmptyState(QWidget):
-    """A title, a sentence, a button."""
-
     def __init__(self, title: str, words: str, action: str, on_click: Callable[[], object]) -> None:
         super().__init__()
         self.title = controls.label(title, "title", wrap=True)

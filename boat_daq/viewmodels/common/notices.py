@@ -32,8 +32,6 @@ _KEPT = 200
 
 
 class Severity(IntEnum):
-    """Severity of a notice."""
-
     INFORMATION = 0
     WARNING = 1
     FAULT = 2
@@ -46,8 +44,6 @@ TITLES = ("\u25cf  Note", "\u25b2  Attention", "\u25a0  Fault")  # by severity
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """One message to the operator."""
-
     severity: Severity
     cause: str
     remedy: str = ""
@@ -211,7 +207,6 @@ class SessionMessages:
             self._settle(self._of_link)
 
     def _settle(self, over: list[Notice]) -> None:
-        """Dismiss messages whose cause is gone."""
         for notice in over:
             self._notices.dismiss(notice)
         over.clear()

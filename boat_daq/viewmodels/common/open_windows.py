@@ -24,8 +24,6 @@ def start_window() -> None:
 
 
 class OpenWindows:
-    """This window among the others."""
-
     def __init__(self, session: Session, name: Callable[[], str], notices: Notices, folder: Path) -> None:
         self._session, self._name, self._notices, self._folder = session, name, notices, folder
         self._shared: SharedVent | None = None

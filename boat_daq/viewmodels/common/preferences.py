@@ -25,8 +25,6 @@ _DEFAULT: Level = "normal"
 
 
 class Preferences:
-    """Values by key."""
-
     def __init__(self, folder: Path, report: Callable[[str, str], object] = lambda cause, remedy: None) -> None:
         self.path = folder / _NAME
         self._report: Callable[[str, str], object] | None = report
@@ -74,8 +72,6 @@ class Preferences:
 
 
 class UnitChoice:
-    """The units in which the window shows values."""
-
     KEY = "units"
 
     def __init__(self, preferences: Preferences, apply: Callable[[ShownUnits], None]) -> None:
@@ -108,8 +104,6 @@ class UnitChoice:
 
 
 class Precision:
-    """The chosen level."""
-
     def __init__(self, preferences: Preferences, apply: Callable[[Fidelity], None]) -> None:
         self._preferences, self._apply = preferences, apply
         apply(fidelity(self.level))

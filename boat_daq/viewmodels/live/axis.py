@@ -113,7 +113,6 @@ def time_step(span_s: float) -> float:
 
 
 def next_step(step: float, *, time: bool = False) -> float:
-    """Return the next larger spacing of ticks."""
     if time and step >= 1:
         return float(next((wider for wider in TIME_STEPS_S if wider > step), 2 * step))
     return rung(1.5 * step)

@@ -83,7 +83,6 @@ class CameraModel:
             channel.close()
 
     def follow(self, snapshot: SessionSnapshot) -> None:
-        """Close a camera that has failed."""
         if self.channel is not None and (error := self.channel.state.error) is not None:
             self.close()
             raise error

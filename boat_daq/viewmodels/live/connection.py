@@ -191,7 +191,6 @@ class VirtualBoardProcess:
             return None
 
     def close(self) -> None:
-        """End the process and delete its truth file."""
         self._thread.join()
         if self._served is not None:
             self._served.close()
@@ -199,8 +198,6 @@ class VirtualBoardProcess:
 
 
 class ConnectionModel:
-    """Opening and closing the link."""
-
     def __init__(self, session: Session, preferences: Preferences, units: UnitLibrary) -> None:
         self.session = session
         self._preferences, self._units = preferences, units

@@ -181,7 +181,6 @@ class Layouts:
 
     @property
     def current(self) -> Layout:
-        """Return the layout in use: that of the unit on the bench."""
         name = self._unit()
         if name != self._read_for:
             self._read_for, self._current = name, self._stored(name)

@@ -61,8 +61,6 @@ class PlotFrame:
 
 @dataclass(frozen=True, slots=True)
 class Headline:
-    """The measured values as text."""
-
     signals: tuple[str, ...]
     pressure: str
     target: str
@@ -73,8 +71,6 @@ class Headline:
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """Statistics of one column between the cursors."""
-
     name: str
     unit: str
     decimals: int
@@ -137,8 +133,6 @@ def with_holes(columns: Columns) -> Columns:
 
 @dataclass(slots=True)
 class LiveModel:
-    """State of the live plots."""
-
     ring: Callable[[], RingBuffer | None]
     inverse: Inverse | None = None
     prediction: LivePrediction | None = None
@@ -190,7 +184,6 @@ class LiveModel:
         return channel.title if channel is not None else layout_title(quantity)
 
     def titles(self, quantities: Sequence[str]) -> str:
-        """Return the names of quantities that share an axis."""
         return titles(quantities, self.title)
 
     def unit(self, quantity: str) -> str:

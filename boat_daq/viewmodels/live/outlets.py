@@ -32,8 +32,6 @@ _OPEN = (LinkState.UP, LinkState.SILENT, LinkState.LOST)
 
 @dataclass(frozen=True, slots=True)
 class OutletsView:
-    """The state of the outlets as text."""
-
     streams: str
     node: str
     badge: str
@@ -42,8 +40,6 @@ class OutletsView:
 
 
 class OutletsModel:
-    """The outlets beside the session."""
-
     def __init__(
         self,
         session: Session,
@@ -63,8 +59,6 @@ class OutletsModel:
         self._source: tuple[object, ...] | None = None  # what the outlets were opened for
         self._conversion: Conversion | None = None  # that of the streams
 
-    # ---- the switches ----------------------------------------------------------------------------------------------
-
     def stream(self, wanted: bool, *, network: bool | None = None) -> None:
         """Switch the LSL streams; `network` lets other computers reach them."""
         self._close_streams()
@@ -81,8 +75,6 @@ class OutletsModel:
         self._preferences.set(NODE, wanted and choice.token_file is None)
         if choice.token_file is None:
             self._preferences.set(NODE_ADDRESS, self.choice.address)
-
-    # ---- what is open ----------------------------------------------------------------------------------------------
 
     def follow(self, snapshot: SessionSnapshot) -> None:
         """Open what is switched on while a board sends, anew for another board or other channels."""
@@ -106,7 +98,6 @@ class OutletsModel:
             self.serving = True
 
     def view(self) -> OutletsView:
-        """Return what panel and header show now."""
         streams, node, badge = OFF, OFF, []
         if self.streaming:
             streams = WAITING
@@ -130,8 +121,6 @@ class OutletsModel:
         """Close what is open; the switches stay."""
         self._close_streams()
         self._close_node()
-
-    # ---- inside ----------------------------------------------------------------------------------------------------
 
     def _source_of(self, snapshot: SessionSnapshot) -> tuple[object, ...] | None:
         """Return what distinguishes the present board and its channels; None without samples."""

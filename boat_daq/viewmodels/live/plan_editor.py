@@ -50,8 +50,6 @@ class PlanCurve:
 
 
 class PlanEditor:
-    """Edits the plan of a `SequenceModel`."""
-
     def __init__(self, sequence: SequenceModel) -> None:
         self._sequence = sequence
 
@@ -61,7 +59,6 @@ class PlanEditor:
 
     @property
     def revision(self) -> int:
-        """Return a number that grows with each change."""
         return self._sequence.revision
 
     @property
@@ -149,7 +146,6 @@ class PlanEditor:
             self._replace(at, replace(self.plan.segments[at], **change), COLUMNS[key][0].partition(" ")[0])
 
     def set_reading(self, at: int, wanted: bool) -> None:
-        """Wait for a reading at the end of a segment, or not."""
         if wanted != self.plan.segments[at].reading:
             self._replace(at, replace(self.plan.segments[at], reading=wanted), "a reading")
 
@@ -180,7 +176,6 @@ class PlanEditor:
             self._take(LABELS[key].lower(), **{key: value})
 
     def set_quantity(self, quantity: str) -> None:
-        """Take the values as kilopascal or as millimetres."""
         if quantity in QUANTITIES and quantity != self.plan.quantity:
             self._take("the quantity", quantity=quantity)
 

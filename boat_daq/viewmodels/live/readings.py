@@ -190,7 +190,6 @@ class ReadingsModel:
         return {reading.step_id: reading for reading in self.session.readings()}
 
     def rows(self, snapshot: SessionSnapshot) -> list[Row]:
-        """Return the table, oldest plateau first."""
         readings = {key: r for key, r in self.latest().items() if r.elongation_mm is not None}
         steps = readable(self.session.steps())
         read = [(step, mm) for step in steps if (mm := _mm(readings.get(step.number))) is not None]

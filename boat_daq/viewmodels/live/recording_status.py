@@ -32,8 +32,6 @@ class RecordingText:
 
 
 class RecordingStatus:
-    """State of the badge."""
-
     def __init__(self, run: RunModel, clock: Callable[[], float] = monotonic) -> None:
         self._run, self._clock = run, clock
         self._looked: tuple[Path, float] = (Path(), float("-inf"))
@@ -88,7 +86,6 @@ class RecordingStatus:
         return self._named[0]
 
     def _look(self, path: Path) -> None:
-        """Look at size and disk where it is due."""
         before, at_s = self._looked
         if path == before and self._clock() - at_s < _LOOK_S:
             return

@@ -37,8 +37,6 @@ UNDER_WAY = (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
 
 
 class CalibrationOffer:
-    """Follows the session and offers to calibrate."""
-
     def __init__(
         self, readings: ReadingsModel, analyse: Callable[[], None], prepare: Callable[[], None], services: Services
     ) -> None:
@@ -85,7 +83,6 @@ class ResumeRun:
         self.first_cycle = 0  # where the interrupted run resumes, offered or armed; 0 without one
 
     def resume(self, path: Path) -> None:
-        """Prepare the interrupted run of a closed recording to resume in it."""
         snapshot = self._session.snapshot()
         if snapshot.link is not LinkState.UP:
             raise RequestError("no board is connected", "Connect the board of this run, then resume it.")
@@ -253,15 +250,12 @@ class RunModel:
             self.read_simulated(waiting.step_id)
 
     def toggle_read_all(self) -> None:
-        """Read every plateau from the grid from now on, or none."""
         self.read_all = not self.read_all
 
     def may_resume(self) -> bool:
-        """Return whether a paused or an interrupted run can resume."""
         return "resume" in self.sequence.allowed(self.snapshot) or bool(self.resumption.first_cycle)
 
     def resume(self) -> None:
-        """Resume a paused run, or arm the rest of an interrupted one."""
         if "resume" in self.sequence.allowed(self.snapshot):
             self.press("resume")
         else:
@@ -276,7 +270,6 @@ class RunModel:
         return path
 
     def next_recording(self) -> Path:
-        """Return the path that a recording begun now would have."""
         settings = self.session.settings
         if self.connection.unit:
             check_file_name(self.connection.unit)
@@ -295,7 +288,6 @@ class RunModel:
             notices.attempt(self.session.stop_recording, done=done)
 
     def mark(self, note: str) -> None:
-        """Add a marker with a note at the newest sample."""
         now_s = self.live.now_s()
         if self.services.notices.attempt(lambda: self.session.mark(note)) and not math.isnan(now_s):
             self.live.markers.append((now_s, note))

@@ -92,7 +92,6 @@ def staircase(plan: Plan) -> tuple[FloatArray, FloatArray]:
 
 
 def _profile(plan: Plan) -> tuple[FloatArray, FloatArray]:
-    """Return times and values along the segments of a profile."""
     begins, values, times = step_begins(plan), [0.0], [0.0]
     for begin, step in zip(begins, plan.steps, strict=False):
         assert step.segment is not None
@@ -198,7 +197,6 @@ class SequenceModel:
         return snapshot.plan if held and snapshot.plan is not None else self.plan
 
     def waits_in_force(self, snapshot: SessionSnapshot) -> bool:
-        """Return whether the plan in force waits for each reading."""
         return self.wait_for_reading if self.in_force(snapshot) == self.plan else self._needs_readings
 
     def estimate(self, snapshot: SessionSnapshot) -> str:
@@ -283,7 +281,6 @@ class SequenceModel:
         return f"{self.units.shown(entry.unit or '1').value(getattr(plan or self.plan, key)):g}".replace("-", MINUS)
 
     def unit(self, stored: str) -> str:
-        """Return the unit in which values of a stored one are shown."""
         return as_text(self.units.shown(stored).symbol)
 
     def _take(self, plan: Plan) -> None:
@@ -297,7 +294,6 @@ class SequenceModel:
         return STATE_TEXTS[snapshot.state][2] if snapshot.can_command else ()
 
     def needs_readings(self, snapshot: SessionSnapshot) -> bool:
-        """Return whether the current run waits for readings at its plateaus."""
         return self._needs_readings and snapshot.state in (SessionState.RUNNING, SessionState.PAUSED)
 
     def press(self, button: str) -> None:

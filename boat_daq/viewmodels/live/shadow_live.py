@@ -92,8 +92,6 @@ NOTHING_DRAWN = (np.zeros((0, 4, 2)), np.zeros(0, np.int64), np.zeros((0, 0, 2))
 
 
 class ShadowLive:
-    """State of the pane."""
-
     def __init__(self, live: LiveModel, jobs: JobRunner) -> None:
         self._live, self._jobs = live, jobs
         self._loading: Background[tuple[Shadow, frozenset[Place]]] = Background("shadow")
@@ -102,8 +100,6 @@ class ShadowLive:
         self.quantity = "displacement"
         self._last: tuple[tuple[object, ...], ShadowPicture] | None = None
         self._unstable: frozenset[Place] = frozenset()
-
-    # ---- loading -------------------------------------------------------------------------------------------------
 
     def prepare(self) -> None:
         """Let `poll` load the model on a helper thread, once the jobs that compile have ended."""
@@ -162,10 +158,7 @@ class ShadowLive:
         whole = mm.size // size * size
         return pressure[:whole].reshape(-1, size).mean(axis=1), mm[:whole].reshape(-1, size).mean(axis=1)
 
-    # ---- the picture ---------------------------------------------------------------------------------------------
-
     def now(self) -> Moment:
-        """Return the current measurement: the means that the readouts show."""
         inverse, means = self._live.inverse, self._live.means()
         if not means:
             return Moment(calibrated=inverse is not None)
@@ -215,7 +208,6 @@ class ShadowLive:
         return (kpa, mm) if self.model.table.holds(pressure, np.array(mm)) else None
 
     def _elements(self, state: ShadowState) -> tuple[FloatArray, NDArray[np.int64]]:
-        """Return the elements of both halves with their colour steps."""
         assert self.model is not None
         quads = self.model.topology.quads[:, :4]
         half = state.nodes_mm[quads]
@@ -363,7 +355,6 @@ class ShadowMonitor:
         return mark, self._monitor.take(figures), self._monitor.smallest_shift()
 
     def poll(self) -> list[str]:
-        """Return the new alarms as sentences."""
         reported = self._reported
         while (reduced := self._reducing.take()) is not None:
             mark, alarms, self._sight = reduced
@@ -383,7 +374,6 @@ class ShadowMonitor:
         return np.array([float(m.cycle) for m in self.marks]), values
 
     def alarm_cycles(self) -> list[int]:
-        """Return the cycles in which an alarm was found."""
         return [self._mark(alarm.cycle).cycle for alarm in self.alarms]
 
     def verdict(self) -> str:

@@ -233,8 +233,6 @@ def sweep(
 
 
 class OpticsModel:
-    """State of the page."""
-
     def __init__(self, jobs: JobRunner, notices: Notices) -> None:
         self.jobs, self.notices = jobs, notices
         self.values: Values = PAPER_DESIGN
@@ -263,10 +261,7 @@ class OpticsModel:
 
     @property
     def sweep(self) -> SweepSummary | None:
-        """The sweep with the chosen deformation curves."""
         return self._sweeps.get(self.curves)
-
-    # ---- one design ----------------------------------------------------------------------------------------------
 
     def choose(self, values: Values, face: str = "") -> None:
         """Show a design; a new one is traced in the background, and the one before is shown until it is."""
@@ -361,8 +356,6 @@ class OpticsModel:
         doing = self._progress_text()
         now = sentence(doing) if doing else "Not traced yet."
         return f"{now} Drawn next: {drawn}."
-
-    # ---- the sweep -----------------------------------------------------------------------------------------------
 
     def toggle_sweep(self, rays: int = 0) -> None:
         """Start a sweep over all designs with this number of rays, 0 for the precision's; or stop the running one."""

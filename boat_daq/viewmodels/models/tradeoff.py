@@ -68,7 +68,6 @@ class Default:
 
 
 def read_report(content: Any) -> list[Default]:
-    """Return the default of every method, measured or not."""
     try:
         found = {str(m["name"]): _default(m) for m in content["methods"]}
     except (AttributeError, KeyError, TypeError, ValueError) as error:
@@ -110,7 +109,6 @@ class TradeoffModel:
         return self.jobs.get(_JOB)
 
     def toggle(self) -> None:
-        """Start measuring this computer, or stop."""
         if self.job is not None:
             self.jobs.cancel(_JOB)
             return
@@ -125,7 +123,6 @@ class TradeoffModel:
             self.problem = job.failure.text
 
     def take(self, content: Any, *, own: bool) -> None:
-        """Show a result of this computer, or of another."""
         self.defaults, self.own = read_report(content), own
         machine = content.get("machine", {})
         where = "this computer" if own else "the computer of the shipped measurement"

@@ -250,7 +250,6 @@ class CalibrationModel:
         self.jobs.start("posterior", job, self._sampled)
 
     def exports(self) -> bool:
-        """Return whether the run that is shown has a calibration to export."""
         return self.result is not None and self.result.calibrated and not self.working
 
     def export(self, target: Path) -> None:
@@ -287,8 +286,6 @@ class CalibrationModel:
         self._services.notices.ended(done)(job)  # a failure is of the bands alone: the calibration stays as it is
         self.revision += 1
 
-    # ---- texts of the page ---------------------------------------------------------------------------------------
-
     def headline(self) -> str:
         """Return unit, cycles, readings and duration of the run in a line; the remedy of a failure."""
         result = self.result
@@ -324,7 +321,6 @@ class CalibrationModel:
         return found.readings if found is not None else ()
 
     def check_lines(self) -> tuple[str, ...]:
-        """Return the readings to be checked, a sentence each."""
         texts = (in_shown_units(one.text, self.shown_units) for one in self.to_check())
         return tuple(f"Check {shown_text(text)}." for text in texts)
 

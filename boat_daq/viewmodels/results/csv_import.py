@@ -56,8 +56,6 @@ class FileColumn:
 
 
 class CsvImport:
-    """The file that is to be imported."""
-
     def __init__(
         self, folder: Path, jobs: JobRunner, preferences: Preferences, imported: Callable[[Path, Sequence[str]], None]
     ) -> None:
@@ -128,7 +126,6 @@ class CsvImport:
 
     @property
     def columns(self) -> tuple[FileColumn, ...]:
-        """Return the columns of the file; none before it is read."""
         return tuple(
             FileColumn(
                 f"{c['name']} ({c['unit']})" if c["unit"] else str(c["name"]),

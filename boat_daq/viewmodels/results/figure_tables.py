@@ -148,7 +148,6 @@ def _component_rows(found: Analysis) -> list[tuple[Cell, ...]]:
 
 
 def _limit_rows(found: Analysis) -> list[tuple[Cell, ...]]:
-    """Return the conformity with the published limits, a row a limit and a column a sensor."""
     from analysis.conformity import RULE
     from analysis.figures.acceptance import against_published
 

@@ -54,7 +54,6 @@ class MetadataModel:
     def of_recording(
         cls, path: Path, units: UnitLibrary, unit: str, undo: UndoHistory, changed: Callable[[], None] = lambda: None
     ) -> MetadataModel:
-        """Return the form of a closed recording; its unit remembers the entries."""
 
         def write(stated: Metadata) -> None:
             state_metadata(path, stated)

@@ -57,8 +57,6 @@ CYCLE_FIGURES = (
 
 
 class RepeatabilityModel:
-    """State of the page."""
-
     def __init__(self, jobs: JobRunner, clock: Callable[[], float] = monotonic) -> None:
         self.jobs, self._clock = jobs, clock
         self.fidelity: Fidelity = fidelity()  # of the next analyses

@@ -298,7 +298,6 @@ def sample_run(
 
 
 def compare_runs(paths: list[Path], *, progress: Progress | None = None) -> tuple[RunResult, ...]:
-    """Return the analyses of several recordings."""
     from analysis.history.unit_history import one_signal_unit, refuse_mixture
 
     found = [analyse_run(str(path), progress=part_of(progress, i, 1, len(paths))) for i, path in enumerate(paths)]

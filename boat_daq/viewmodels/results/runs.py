@@ -62,8 +62,6 @@ class RunActions:
 
 
 class RunsModel:
-    """State of the page."""
-
     def __init__(
         self,
         folder: Path,
@@ -100,7 +98,6 @@ class RunsModel:
             self._future = self._pool.submit(self._read)
 
     def scan_at_intervals(self) -> None:
-        """Read the folder again after the interval."""
         if monotonic() - self._scanned_at >= SCAN_INTERVAL_S:
             self._scanned_at = monotonic()
             self.scan()
@@ -185,7 +182,6 @@ class RunsModel:
         self.select(run.path)
 
     def metadata(self, run: RunEntry) -> MetadataModel:
-        """Return the form of a closed recording's metadata."""
         if run.summary is None or not run.closed:
             raise RequestError(f"{run.path.name} is not closed", "Close or recover the recording first.")
         units, changed = self.units.of(simulated=run.summary.simulated), partial(self.select, run.path)

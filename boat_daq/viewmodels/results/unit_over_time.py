@@ -39,8 +39,6 @@ def unit_rows(found: UnitOverTime, units: ShownUnits = STORED_UNITS) -> list[tup
 
 
 class UnitOverTimeModel:
-    """State of the window of a unit."""
-
     def __init__(self, units: UnitLibrary, name: str, jobs: JobRunner, notices: Notices) -> None:
         self.units, self.name, self._jobs, self._notices = units, name, jobs, notices
         self.found: UnitOverTime | None = None
@@ -57,7 +55,6 @@ class UnitOverTimeModel:
         return f"{self.name}  SIMULATED" if self.units.simulated else self.name
 
     def report(self, target: Path) -> None:
-        """Write the report of the unit, HTML or PDF, in the background."""
         job = Job(f"Making the report of {self.name}", report_unit, self.units, self.name, target)
         job.target = target
         self._jobs.start("unit report", job, self._notices.ended(lambda _: self._notices.inform_saved(target)))

@@ -30,41 +30,28 @@ LARGEST = 1e150  # its square is still a number
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Calibration:
-    """A fitted polynomial y(x) = b0 + b1 x + ..., or a monotone spline.
+    """A fitted polynomial y(x) = b0 + b1 x + ..., or a monotone spline."""
 
-    Attributes
-    ----------
-    coefficients, std_errors, covariance : monomial ones, b0 first; empty for a spline.
-    r2, adjusted_r2 : share of the (weighted) variance explained; NaN if y does not vary.
-    rmse, residual_sd : residuals over n, and over n - degree - 1; NaN without degrees of freedom. `residual_sd` is the
-        smallest u of y where these were stated.
-    turning_points : every x where the slope changes sign, inside the range or not.
-    monotone : no turning point inside the range, and not flat.
-    reading : error of readings of x on a grid, see `with_reading`; None if x is known.
-    joint : the fit by branch that the curve is from; None for a fit through points.
-    simulated : whether the points are of a virtual board.
-    """
-
-    coefficients: FloatArray
+    coefficients: FloatArray  # monomial, b0 first, as the errors; empty for a spline
     std_errors: FloatArray
     covariance: FloatArray
     degree: int
     n: int
-    r2: float
+    r2: float  # share of the (weighted) variance explained; NaN if y does not vary
     adjusted_r2: float
-    rmse: float
-    residual_sd: float
+    rmse: float  # over n
+    residual_sd: float  # over n - degree - 1; NaN without; the smallest u of y where these were stated
     x_range: tuple[float, float]
     y_range: tuple[float, float]
-    turning_points: tuple[float, ...]
-    monotone: bool
+    turning_points: tuple[float, ...]  # every x where the slope changes sign, inside the range or not
+    monotone: bool  # no turning point inside the range, and not flat
     fit: LeastSquares
     x: FloatArray
     y: FloatArray
-    reading: Positions | None = None
-    joint: JointFit | None = None
+    reading: Positions | None = None  # error of readings of x on a grid, see `with_reading`; None if x is known
+    joint: JointFit | None = None  # the fit by branch that the curve is from; None for a fit through points
     adequacy: Adequacy | None = None
-    simulated: bool = False
+    simulated: bool = False  # whether the points are of a virtual board
 
     def with_reading(self, reading_sd: float, positions: npt.ArrayLike | None = None) -> Calibration:
         """Return the same curve, of x read with an sd of `reading_sd`; `positions` [n] label what was read."""
@@ -282,15 +269,9 @@ def fit_calibration(
 ) -> Calibration:
     """Fit y(x), a polynomial of `degree` 0 to 10, by (weighted) least squares; x and y are [n].
 
-    Parameters
-    ----------
-    standard_uncertainty : u of y, [n] or one for all; it alone sets the standard errors, as in `boat-daq fit --u`.
-    weights : [n] proportional to 1/u^2; only the ratios matter, the residuals set the standard errors.
-
-    Raises
-    ------
-    DataError : fewer than degree + 1 distinct x, clustered x, NaN.
-    RequestError : degree, uncertainties or weights are not allowed.
+    `standard_uncertainty`: u of y, [n] or one for all; it alone sets the standard errors, as in `boat-daq fit --u`.
+    `weights`: [n] proportional to 1/u^2; only the ratios matter, the residuals set the standard errors. DataError:
+    fewer than degree + 1 distinct x, clustered x, NaN. RequestError: degree, uncertainties or weights are not allowed.
     """
     x = np.asarray(x, dtype=np.float64).ravel()
     y = np.asarray(y, dtype=np.float64).ravel()
@@ -329,13 +310,9 @@ def fit_by_branch(
     """Fit y(x) and a loop about it to the means of positions that were read repeatedly.
 
     The range is that of the means at the end levels. Positions too few for the joint fit are fitted by
-    `fit_calibration`; raises what it raises.
-
-    Parameters
-    ----------
-    positions, branch : [n] label of the position of each point; 1 loading, -1 unloading, 0 at the shared end levels.
-    reading_sd : sd of one reading, the grid / sqrt(12); 0 if x is exact.
-    shared : [n] error of y that a position has in every cycle alike, see `PositionMeans`.
+    `fit_calibration`; raises what it raises. `positions`, `branch`: [n] label of the position of each point; 1 loading,
+    -1 unloading, 0 at the shared end levels. `reading_sd`: sd of one reading, the grid / sqrt(12); 0 if x is exact.
+    `shared`: [n] error of y that a position has in every cycle alike, see `PositionMeans`.
     """
     usual = USUAL_DEGREE if degree == SPLINE else int(degree)
     plain = fit_calibration(x, y, usual).with_reading(reading_sd, positions)

@@ -64,29 +64,18 @@ def raise_without_inverse(calibration: Calibration, *, by_parts: bool = False) -
 
 @dataclass(frozen=True, slots=True)
 class Inverse:
-    """mV -> mm for one sensor. Make one with `Inverse.of(calibration)`; call it with an array of mV.
+    """mV -> mm for one sensor. Make one with `Inverse.of(calibration)`; call it with an array of mV."""
 
-    Attributes
-    ----------
-    x_range, starts : mm, mapped to u = -1..1; [pieces + 1] ends of the pieces in u.
-    powers : [pieces, degree + 1] coefficients of the signal, mV, in powers of u less the middle of the piece.
-    nodes : [NODES] signal at equally spaced u.
-    noise_mm, shared_mm : [U_NODES] standard uncertainty at equally spaced u, by the noise of one signal, and by what
-        the sensors of one unit share in part (curve, reading, model); at most the width of the range.
-    reference : type B contributions: a constant, mm, and a share of x, which add in squares.
-    u_void : why U is not known; `noise_mm` and `shared_mm` are then what is known, which weighs the sensors alone.
-    """
-
-    x_range: tuple[float, float]
-    starts: FloatArray
-    powers: FloatArray
-    nodes: FloatArray
-    noise_mm: FloatArray
-    shared_mm: FloatArray
+    x_range: tuple[float, float]  # mm, mapped to u = -1..1
+    starts: FloatArray  # [pieces + 1] ends of the pieces in u
+    powers: FloatArray  # [pieces, degree + 1] of the signal, mV, in powers of u less the piece's middle
+    nodes: FloatArray  # [NODES] signal at equally spaced u
+    noise_mm: FloatArray  # [U_NODES] standard uncertainty at equally spaced u, by the noise of one signal
+    shared_mm: FloatArray  # by what the sensors of one unit share in part; at most the width of the range
     half_division_mm: float = 0.0
-    reference: tuple[float, float] = (0.0, 0.0)
+    reference: tuple[float, float] = (0.0, 0.0)  # type B: a constant, mm, and a share of x, which add in squares
     calibration: Calibration | None = None
-    u_void: str = ""
+    u_void: str = ""  # why U is not known; what is known then weighs the sensors alone
     u_stand_in: str = ""
 
     def __repr__(self) -> str:

@@ -36,24 +36,15 @@ WIDTH_DRAWS = 512
 
 @dataclass(frozen=True, slots=True)
 class PositionMeans:
-    """Means over the readings of each position, [positions].
-
-    Attributes
-    ----------
-    branch : 1 loading, -1 unloading, 0 at the end levels, which both share.
-    x_variance, y_variance : variances of the means, from the scatter within positions and the grid.
-    dof : degrees of freedom of that scatter; 0 if no position was read twice.
-    independent : False if most of the error is the rounding that a position has in every cycle.
-    shared : u of y by one cause that moves all positions, fully correlated; its square is in `y_variance`.
-    """
+    """Means over the readings of each position, [positions]."""
 
     x: FloatArray
     y: FloatArray
-    branch: FloatArray
-    x_variance: FloatArray
+    branch: FloatArray  # 1 loading, -1 unloading, 0 at the end levels, which both share
+    x_variance: FloatArray  # of the mean, from the scatter within positions and the grid
     y_variance: FloatArray
-    dof: int
-    independent: bool = True
+    dof: int  # degrees of freedom of that scatter; 0 if no position was read twice
+    independent: bool = True  # False if most of the error is the rounding that a position has in every cycle
     shared: FloatArray = field(default_factory=lambda: np.empty(0))
 
     @property
@@ -158,27 +149,19 @@ class PolynomialBasis:
 
 @dataclass(frozen=True, slots=True)
 class JointFit:
-    """The fitted curve over z = (x - centre) / half_width and its loop, c0 and c1, with the covariance of both.
-
-    Attributes
-    ----------
-    influence : [curve and loop, positions] d coefficients / d y_p; zero rows where a constraint holds.
-    known_variance : [positions] variance of y_p about the curve by scatter and reading.
-    misfit_sd : t, the scatter of positions that were read once about the model.
-    residuals, leverage, slope_at : [positions] residual of y, leverage, and slope of the branch of each.
-    """
+    """The fitted curve over z = (x - centre) / half_width and its loop, c0 and c1, with the covariance of both."""
 
     basis: CurveBasis
     centre: float
     half_width: float
     coefficients: FloatArray
     loop: FloatArray
-    influence: FloatArray
-    known_variance: FloatArray
-    misfit_sd: float
-    residuals: FloatArray
-    leverage: FloatArray
-    slope_at: FloatArray
+    influence: FloatArray  # [curve and loop, positions] d coefficients / d y_p; zero rows where a constraint holds
+    known_variance: FloatArray  # [positions] variance of y_p about the curve by scatter and reading
+    misfit_sd: float  # t, the scatter of positions that were read once about the model
+    residuals: FloatArray  # [positions] of y
+    leverage: FloatArray  # [positions]
+    slope_at: FloatArray  # [positions] of the branch of each
     means: PositionMeans
 
     @property

@@ -42,28 +42,20 @@ MISREAD, MISREAD_GRIDS = 1e-5, 2.0  # chance that a position is off its cell alt
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Posterior:
-    """Draws from the posterior, and the figures of the sampler.
-
-    Attributes
-    ----------
-    basis_samples, sigma_samples : [draws, degree + 1] coefficients in the scaled basis; [draws] noise sd.
-    mean, sd : [degree + 1] mean and sd of the monomial coefficients.
-    tau : longest integrated autocorrelation time of all parameters, steps.
-    converged : steps >= 50 tau and an acceptance between 0.1 and 0.9.
-    """
+    """Draws from the posterior, and the figures of the sampler."""
 
     calibration: Calibration
-    basis_samples: FloatArray
-    sigma_samples: FloatArray
-    mean: FloatArray
+    basis_samples: FloatArray  # [draws, degree + 1] coefficients in the scaled basis
+    sigma_samples: FloatArray  # [draws] noise sd
+    mean: FloatArray  # [degree + 1] of the monomial coefficients
     sd: FloatArray
     sigma: float
     reading_sd: float
-    tau: float
+    tau: float  # longest integrated autocorrelation time of all parameters, steps
     n_eff: float
     acceptance: float
     steps: int
-    converged: bool
+    converged: bool  # steps >= 50 tau and an acceptance between 0.1 and 0.9
     walkers: int = 1
 
     def __repr__(self) -> str:

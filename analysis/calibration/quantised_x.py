@@ -30,33 +30,21 @@ CLOSE = 0.1  # of even spacing, and the chance of a smaller gap
 
 @dataclass(frozen=True, slots=True)
 class Positions:
-    """The readings of a calibration by position, [positions] by default.
+    """The readings of a calibration by position, [positions] by default."""
 
-    Attributes
-    ----------
-    of_point, count : [n] number of the position of each point; readings of each position.
-    x, y : mean reading and mean signal, weighted as the fit's points are.
-    edges, shares : [positions, cells + 1] ends of equal cells of x, and the share of L_p in each, [positions, cells].
-    x_variance, mean_variance : variance of L_p; of y by the scatter within positions, zeros if none was read twice.
-    relative_variance : relative variance of the misfit: ones, or that of a single reading.
-    noise_sd : scatter of the signal within positions, for a point of weight 1; 0 if unknown.
-    misfit_sd : moment estimate of the further scatter of the means, for a relative variance of 1.
-    reader_sd, grid : s; and d, sqrt(12) times the reading sd.
-    """
-
-    of_point: IntArray
-    count: IntArray
-    x: FloatArray
-    y: FloatArray
-    edges: FloatArray
-    shares: FloatArray
-    x_variance: FloatArray
-    mean_variance: FloatArray
-    relative_variance: FloatArray
-    noise_sd: float
-    misfit_sd: float
-    reader_sd: float
-    grid: float
+    of_point: IntArray  # [n] number of the position of each point
+    count: IntArray  # readings of each
+    x: FloatArray  # mean reading, weighted as the fit's points are
+    y: FloatArray  # mean signal
+    edges: FloatArray  # [positions, cells + 1] ends of equal cells of x
+    shares: FloatArray  # [positions, cells] share of L_p in each
+    x_variance: FloatArray  # of L_p
+    mean_variance: FloatArray  # of y by the scatter within positions, zeros if none was read twice
+    relative_variance: FloatArray  # relative variance of the misfit: ones, or that of a single reading
+    noise_sd: float  # scatter of the signal within positions, for a point of weight 1; 0 if unknown
+    misfit_sd: float  # moment estimate of the further scatter of the means, for a relative variance of 1
+    reader_sd: float  # s
+    grid: float  # d, sqrt(12) times the reading sd
 
     @property
     def n(self) -> int:
@@ -98,11 +86,8 @@ def gather(
 ) -> Positions:
     """Gather the readings of a calibration by position. DataError: not one label for each point.
 
-    Parameters
-    ----------
-    reading_sd : sd of one reading to the nearest mark: the grid / sqrt(12).
-    labels : [n] position of each point; None: each its own, unless equal readings share their error
-        (`share_their_error`).
+    `reading_sd`: sd of one reading to the nearest mark: the grid / sqrt(12). `labels`: [n] position of each point;
+    None: each its own, unless equal readings share their error (`share_their_error`).
     """
     weights = fit.weights
     if labels is not None:

@@ -27,37 +27,28 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class SensorRecord:
-    """The calibration of one sensor; none where `void` gives the reason.
+    """The calibration of one sensor; none where `void` gives the reason. What was not assessed is NaN.
 
-    Attributes
-    ----------
-    fit : the curve, its covariance, range and tests, as `fit --json` shows them.
-    positions, branches : [n] labels for `fit_by_branch`; None in the oldest records.
-    ambient_mv : [n] error by ambient light that a position has in every cycle; None without one.
-    noise_mv, between_cycles_mv : sd of one signal, None for the residual sd of the fit, a list at equally spaced
-        elongations where it changes over them; sd from cycle to cycle.
-    half_loop_mv : half the width of the loop at equally spaced elongations.
-    u_reason, u_stand_in : why U is not known; what it rests on besides the run. What was not assessed is NaN.
-    fitted : the calibration of the run, if the record was not read from a file.
+    `noise_mv` is the sd of one signal: None for the residual sd of the fit, a list at equally spaced elongations.
     """
 
     name: str = ""
-    fit: Mapping[str, Any] = field(default_factory=dict)
+    fit: Mapping[str, Any] = field(default_factory=dict)  # curve, covariance, range, tests: as `fit --json`
     elongation_mm: FloatArray = field(default_factory=lambda: np.zeros(0))
     signal_mv: FloatArray = field(default_factory=lambda: np.zeros(0))
-    positions: FloatArray | None = None
+    positions: FloatArray | None = None  # [n] labels for `fit_by_branch`; None in the oldest records
     branches: FloatArray | None = None
-    ambient_mv: FloatArray | None = None
+    ambient_mv: FloatArray | None = None  # [n] error by ambient light, alike in every cycle; None without
     reading_sd_mm: float = 0.0
     noise_mv: float | Sequence[float] | None = None
-    between_cycles_mv: float = 0.0
-    half_loop_mv: FloatArray = field(default_factory=lambda: np.zeros(1))
+    between_cycles_mv: float = 0.0  # sd from cycle to cycle
+    half_loop_mv: FloatArray = field(default_factory=lambda: np.zeros(1))  # at equally spaced elongations
     type_b: Mapping[str, Any] = field(default_factory=dict)
     figures: Mapping[str, float] = field(default_factory=dict)
     void: str = ""
-    u_reason: str = ""
-    u_stand_in: str = ""
-    fitted: Calibration | None = None
+    u_reason: str = ""  # why U is not known
+    u_stand_in: str = ""  # what it rests on besides the run
+    fitted: Calibration | None = None  # the calibration of the run, if the record was not read from a file
 
     @classmethod
     def parse(cls, stored: Mapping[str, Any]) -> SensorRecord:

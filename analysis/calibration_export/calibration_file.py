@@ -40,18 +40,11 @@ _INVERSE = ("range_mm", "starts", "powers", "noise_mm", "shared_mm", "half_divis
 
 @dataclass(frozen=True, slots=True)
 class CalibrationFile:
-    """A calibration that leaves the program.
+    """A calibration that leaves the program."""
 
-    Attributes
-    ----------
-    head : simulated, unit, recording, recording_id, calibrated_utc, operator, program_version, traceability, warnings.
-    sensors : name, fit (as `fit --json`), adequacy, and U over x of each.
-    fusion : the inverses of all sensors; None where `void` gives the reason.
-    """
-
-    head: Mapping[str, Any]
-    sensors: tuple[Mapping[str, Any], ...]
-    fusion: Fusion | None
+    head: Mapping[str, Any]  # unit, recording, operator and so on, as `calibration --format json` shows them
+    sensors: tuple[Mapping[str, Any], ...]  # name, fit (as `fit --json`), adequacy, and U over x of each
+    fusion: Fusion | None  # the inverses of all sensors; None where `void` gives the reason
     void: str = ""
     signal_unit: str = "mV"
 

@@ -55,31 +55,20 @@ class VerdictState(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The verdict of a run.
-
-    Attributes
-    ----------
-    reason : why there is no curve, or why U is not known.
-    u_mm, range_mm : largest U (k = 2) over the range of elongation, NaN where it is not known.
-    u_stand_in : what U rests on besides the run; "" where it rests on the run.
-    readings : those to be checked; `confirmed` those that were, each with its reason.
-    limits : conformity with each limit and sensor; `limits_set` whether the user set them.
-    missed : figures out of tolerance, a sentence for each sensor that has one.
-    doubts : what U is given in spite of, a sensor each.
-    """
+    """The verdict of a run."""
 
     code: VerdictCode = VerdictCode.LIMITS
     state: VerdictState = VerdictState.NONE
-    reason: str = ""
-    u_mm: float = math.nan
+    reason: str = ""  # why there is no curve, or why U is not known
+    u_mm: float = math.nan  # largest U (k = 2) over the range, NaN where it is not known
     range_mm: tuple[float, float] = (math.nan, math.nan)
-    u_stand_in: str = ""
-    readings: tuple[CheckedReading, ...] = ()
+    u_stand_in: str = ""  # what U rests on besides the run; "" where it rests on the run
+    readings: tuple[CheckedReading, ...] = ()  # those to be checked; `confirmed` those that were, each with its reason
     confirmed: tuple[CheckedReading, ...] = ()
-    limits: tuple[LimitStatement, ...] = field(default=(), repr=False)
+    limits: tuple[LimitStatement, ...] = field(default=(), repr=False)  # with each limit and sensor
     limits_set: bool = False
-    missed: tuple[str, ...] = ()
-    doubts: tuple[str, ...] = ()
+    missed: tuple[str, ...] = ()  # figures out of tolerance, a sentence for each sensor that has one
+    doubts: tuple[str, ...] = ()  # what U is given in spite of, a sensor each
 
     @property
     def conformity(self) -> Conformity:

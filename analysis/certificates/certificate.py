@@ -68,21 +68,14 @@ _FIGURES = ("sensitivity_mv_per_mm", "fso_mv", "sensor_hysteresis_percent_fso", 
 
 @dataclass(frozen=True, slots=True)
 class Level:
-    """One position of the staircase: means over the cycles.
+    """One position of the staircase: means over the cycles."""
 
-    Attributes
-    ----------
-    branch : loading, unloading, or end: the end levels belong to both.
-    indicated_mm : the elongation that the curve gives for the signal.
-    expanded_mm : U of such an elongation, k = 2, covering `coverage`.
-    """
-
-    branch: str
+    branch: str  # loading, unloading, or end: the end levels belong to both
     pressure_kpa: float
     elongation_mm: float
     signal_mv: float
-    indicated_mm: float
-    expanded_mm: float
+    indicated_mm: float  # the elongation that the curve gives for the signal
+    expanded_mm: float  # U of such an elongation, k = 2, covering `coverage`
     coverage: float
     n: int
 
@@ -100,24 +93,16 @@ class Level:
 
 @dataclass(frozen=True, slots=True)
 class CalibratedSensor:
-    """One sensor of an item; without results where `void` gives the reason.
-
-    Attributes
-    ----------
-    figures : value by name, of `_FIGURES`.
-    statements : conformity with the limits of the customer.
-    more_places : decimals of a signal in another unit than mV, less those of one in mV.
-    as_found : the curve that was in force before against this one; None where there was none to compare.
-    """
+    """One sensor of an item; without results where `void` gives the reason."""
 
     name: str
     void: str
     calibration: Calibration | None = None
     levels: tuple[Level, ...] = ()
-    figures: Mapping[str, float] = field(default_factory=dict)
-    statements: tuple[LimitStatement, ...] = ()
-    as_found: Agreement | None = None
-    more_places: int = 0
+    figures: Mapping[str, float] = field(default_factory=dict)  # value by name, of `_FIGURES`
+    statements: tuple[LimitStatement, ...] = ()  # conformity with the limits of the customer
+    as_found: Agreement | None = None  # the curve in force before against this one; None without
+    more_places: int = 0  # decimals of a signal in another unit than mV, less those of one in mV
 
     def places(self, key: str = "") -> int:
         """Return the decimals of a figure, or of a signal."""
@@ -158,25 +143,19 @@ class CalibratedSensor:
 
 @dataclass(frozen=True, slots=True)
 class CalibratedItem:
-    """One unit that was calibrated: its identity, its conditions, its sensors.
-
-    Attributes
-    ----------
-    begun, ended : dates of the calibration, ISO 8601.
-    previous : when the calibration in force before was made, ISO 8601; "" without one.
-    """
+    """One unit that was calibrated: its identity, its conditions, its sensors."""
 
     name: str
     unit: str
     metadata: Metadata
     recording_id: str
-    begun: str
+    begun: str  # date, ISO 8601, as `ended`
     ended: str
     board: str
     sensors: tuple[CalibratedSensor, ...]
     type_b: tuple[TypeBContribution, ...]
     warnings: tuple[str, ...]
-    previous: str = ""
+    previous: str = ""  # when the calibration in force before was made, ISO 8601; "" without one
     signal_unit: str = "mV"
 
     @property
@@ -204,16 +183,10 @@ class CalibratedItem:
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """A certificate of one item, or of several that are compared.
+    """A certificate of one item, or of several that are compared."""
 
-    Attributes
-    ----------
-    number : unique: of the first recording and of all that is stated; it changes with any of it.
-    issued : date, ISO 8601.
-    """
-
-    number: str
-    issued: str
+    number: str  # unique: of the first recording and of all that is stated; it changes with any of it
+    issued: str  # date, ISO 8601
     simulated: bool
     laboratory: Laboratory
     customer: str
@@ -249,25 +222,15 @@ class Certificate:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What a certificate states that no run shows.
-
-    Attributes
-    ----------
-    laboratory : None where it is not known.
-    customer : overrides that of the metadata.
-    items : names in the order of the runs; overrides those of the metadata.
-    limits : the customer's, see `analysis.figures.acceptance.LIMITS`.
-    issued : date, ISO 8601; today where it is empty.
-    previous : calibration in force before each run; None where there is none.
-    """
+    """What a certificate states that no run shows."""
 
     laboratory: Laboratory | None = None
-    customer: str = ""
-    items: tuple[str, ...] = ()
-    limits: Mapping[str, float] = field(default_factory=dict)
-    issued: str = ""
+    customer: str = ""  # overrides that of the metadata
+    items: tuple[str, ...] = ()  # names in the order of the runs; overrides those of the metadata
+    limits: Mapping[str, float] = field(default_factory=dict)  # the customer's, see `figures.acceptance.LIMITS`
+    issued: str = ""  # date, ISO 8601; today where it is empty
     number: str = ""
-    previous: tuple[CalibrationRecord | None, ...] = ()
+    previous: tuple[CalibrationRecord | None, ...] = ()  # calibration in force before each run; None without
 
 
 def missing(analyses: Sequence[Analysis], request: Request) -> tuple[str, ...]:
@@ -288,10 +251,8 @@ def missing(analyses: Sequence[Analysis], request: Request) -> tuple[str, ...]:
 def certificate_of(analyses: Sequence[Analysis], request: Request) -> Certificate:
     """Return the certificate of one calibration, or of several that are compared.
 
-    Raises
-    ------
-    RequestError : nothing to certify; simulated and real runs; a date that is none; what it must state is missing.
-    DataError : a run has no calibration that gives an elongation; an item has no identity.
+    RequestError: nothing to certify; simulated and real runs; a date that is none; what it must state is missing.
+    DataError: a run has no calibration that gives an elongation; an item has no identity.
     """
     if not analyses:
         raise RequestError("there is no run to certify", "Give the recording of a calibration.")

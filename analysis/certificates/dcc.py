@@ -390,11 +390,8 @@ def _list(
 ) -> None:
     """Add a quantity of several values.
 
-    Parameters
-    ----------
-    values : [n]. units : one for all, or [n].
-    expanded : U and its coverage probability, [n] each; k = 2.
-    ref_type : what the quantity is in a calibration.
+    `values`: [n]. `units`: one for all, or [n]. `expanded`: U, its coverage probability, [n]; k = 2. `ref_type`:
+    what the quantity is in a calibration.
     """
     quantity = _add(parent, "quantity", **({"refType": ref_type} if ref_type else {}))
     _name(quantity, name)

@@ -9,19 +9,13 @@ from protocol.base.errors import RequestError
 
 @dataclass(frozen=True, slots=True)
 class Laboratory:
-    """The laboratory that issues a certificate.
+    """The laboratory that issues a certificate."""
 
-    Attributes
-    ----------
-    name : is required; what else is empty is not stated.
-    country_code : two letters, ISO 3166-1.
-    """
-
-    name: str
+    name: str  # required; what else is empty is not stated
     street: str = ""
     post_code: str = ""
     city: str = ""
-    country_code: str = ""
+    country_code: str = ""  # two letters, ISO 3166-1
     email: str = ""
     phone: str = ""
     accreditation: str = ""

@@ -108,12 +108,10 @@ def import_two(
 ) -> Recording:
     """Import two files of one run, at the times of that with the signals, the other interpolated.
 
-    Parameters
-    ----------
-    columns : mapping of `import_csv`; each name is sought in both files, a number is a column of the first.
-    place : function of the values of both that returns when the second begins, in the first's time, and its standard
-        uncertainty; used where the stamps of both files do not tell.
-    offset_s : begin of the second file in the first's time, where it is known.
+    `columns`: mapping of `import_csv`; each name is sought in both files, a number is a column of the first. `place`:
+    function of the values of both that returns when the second begins, in the first's time, and its standard
+    uncertainty; used where the stamps of both files do not tell. `offset_s`: begin of the second file in the first's
+    time, where it is known.
     """
     found, refused = [], []
     for path, numbers in ((first, True), (second, False)):

@@ -103,10 +103,8 @@ class Table:
 def read_table(path: str | Path, separator: str | None = None, *, skip: int = 0, whole_lines: bool = False) -> Table:
     """Read a table of numbers; raises FileError if it is none, or too broken to be one, with the lines.
 
-    Parameters
-    ----------
-    skip : lines above header and numbers.
-    whole_lines : leave out a last line without an end, which may be cut off within its last number.
+    `skip`: lines above header and numbers. `whole_lines`: leave out a last line without an end, which may be cut off
+    within its last number.
     """
     path = Path(path)
     try:

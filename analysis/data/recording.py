@@ -70,43 +70,28 @@ class ElongationReader(Protocol):
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Recording:
-    """One run. Arrays have one row a sample (n) and are read-only.
+    """One run. Arrays have one row a sample (n) and are read-only; `calibrator` gives `to_frame` the elongation."""
 
-    Attributes
-    ----------
-    time_s : [n] board time from the first sample, segments laid end to end.
-    pressure_kpa, target_kpa : [n] gauge; target is NaN where none was set or known.
-    signal_mv : [n, sensors] (lit - dark) * vref / 2^bits, or the signal itself if the device gives one.
-    lit, dark : [n, sensors] ADC counts, or None if the source has no counts.
-    state, flags, segment, index : [n], see `protocol.recording`.
-    usable, pressure_usable : [n, sensors] and [n] True where the signal, or the pressure, may enter a figure.
-    masked : number of rows left out, by reason.
-    interval_s : median sampling interval, NaN below two samples.
-    channel : [n, channels] extra channels, each in its own unit, NaN where it was not measured; None without any.
-    steps, readings : frames with STEP_COLUMNS and READING_COLUMNS; empty if the source has none.
-    calibrator : function that `to_frame` gets the elongation of a run with readings from.
-    """
-
-    time_s: FloatArray
-    pressure_kpa: FloatArray
-    target_kpa: FloatArray
-    signal_mv: FloatArray
-    lit: npt.NDArray[np.uint16] | None
+    time_s: FloatArray  # [n] board time from the first sample, segments laid end to end
+    pressure_kpa: FloatArray  # [n] gauge
+    target_kpa: FloatArray  # [n] gauge; NaN where none was set or known
+    signal_mv: FloatArray  # [n, sensors] (lit - dark) * vref / 2^bits, or the signal itself if the device gives one
+    lit: npt.NDArray[np.uint16] | None  # [n, sensors] ADC counts; None if the source has none
     dark: npt.NDArray[np.uint16] | None
-    state: npt.NDArray[np.uint8]
+    state: npt.NDArray[np.uint8]  # [n], see `protocol.recording`, as the next three
     flags: npt.NDArray[np.uint16]
     segment: IntArray
     index: IntArray
-    usable: BoolArray
-    pressure_usable: BoolArray
-    masked: Mapping[str, int]
-    interval_s: float
+    usable: BoolArray  # [n, sensors] True where the signal may enter a figure
+    pressure_usable: BoolArray  # [n] as `usable`
+    masked: Mapping[str, int]  # number of rows left out, by reason
+    interval_s: float  # median sampling interval, NaN below two samples
     gaps: tuple[Gap, ...]
-    steps: pd.DataFrame
-    readings: pd.DataFrame
+    steps: pd.DataFrame  # with STEP_COLUMNS; empty if the source has none
+    readings: pd.DataFrame  # with READING_COLUMNS
     meta: Mapping[str, Any] = field(default_factory=dict)
     source: str = ""
-    channel: FloatArray | None = None
+    channel: FloatArray | None = None  # [n, channels] extra ones, each in its own unit, NaN where not measured
     camera: CameraRecord | None = None
     calibrator: Callable[[Recording], ElongationReader] | None = field(default=None, repr=False, compare=False)
 
@@ -210,12 +195,9 @@ class Recording:
     def to_frame(self, rows: slice | None = None, *, reader: ElongationReader | None = None) -> pd.DataFrame:
         """Return the samples, or some rows of them, in the columns and the order of the export.
 
-        `attrs` of the frame hold `simulated`, `unit` (under test) and `units` (of measurement, by column).
-
-        Parameters
-        ----------
-        reader : gives the columns `elongation_mm` and `u_mm` (U, k = 2); default the calibration by the run's own
-            readings, for all rows of a run of `load_recording`.
+        `attrs` of the frame hold `simulated`, `unit` (under test) and `units` (of measurement, by column). `reader`:
+        gives the columns `elongation_mm` and `u_mm` (U, k = 2); default the calibration by the run's own readings, for
+        all rows of a run of `load_recording`.
         """
         void = _NO_READER
         if reader is None and rows is None and self.calibrator is not None and len(self.readings):

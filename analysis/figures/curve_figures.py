@@ -47,22 +47,15 @@ class FittedCurve(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class CurveDraws:
-    """A curve, and the curves that its errors allow.
-
-    Attributes
-    ----------
-    x : [n] readings.
-    coefficients, ends : [draws, coefficients], NaN where a resample cannot carry the degree; [draws, 2] range of each.
-    dof : degrees of freedom of the errors; NaN for a bootstrap over the cycles.
-    """
+    """A curve, and the curves that its errors allow."""
 
     fit: FittedCurve
-    x: FloatArray
+    x: FloatArray  # [n] readings
     x_range: tuple[float, float]
-    coefficients: FloatArray
-    ends: FloatArray
+    coefficients: FloatArray  # [draws, coefficients], NaN where a resample cannot carry the degree
+    ends: FloatArray  # [draws, 2] range of each
     n_cycles: int
-    dof: float = float("nan")
+    dof: float = float("nan")  # degrees of freedom of the errors; NaN for a bootstrap over the cycles
 
     def values(self, x: FloatArray) -> FloatArray:
         """Return y(x) of every draw, [draws, x]."""
@@ -114,12 +107,8 @@ def resample_fit(
     """Refit a calibration through points to every bootstrap resample of the cycles.
 
     The normal equations are formed cycle by cycle in the orthogonal basis, where they are well conditioned, and added
-    with the weights: all resamples are solved at once.
-
-    Parameters
-    ----------
-    cycle_of : [n] position (0, 1, ...) of the cycle of each point of the calibration.
-    weights : [resamples, cycles] how often each cycle was drawn.
+    with the weights: all resamples are solved at once. `cycle_of`: [n] position (0, 1, ...) of the cycle of each point
+    of the calibration. `weights`: [resamples, cycles] how often each cycle was drawn.
     """
     design = calibration.fit.basis.design(calibration.x)
     cycles = weights.shape[1]

@@ -158,29 +158,19 @@ def _pooled_and_worst(series: FloatArray, weights: FloatArray) -> tuple[FloatArr
 
 @dataclass(frozen=True, slots=True)
 class FiguresByCycle:
-    """Figures of one sensor cycle by cycle.
-
-    Attributes
-    ----------
-    hysteresis_percent_fso, span_mv, snr_db : [cycles] hysteresis over pressure, output span, signal-to-noise ratio.
-    displacement_percent_fso : [cycles] mean of the levels less their median over the second half of the run.
-    level_displacement_percent_fso : [cycles, levels] each level, mean of both branches, less its mean over the cycles.
-    branch_displacement_percent_fso : [2, cycles, levels] the same of each branch alone.
-    hysteresis_lift_percent_fso : mean lift of the hysteresis of a cycle by noise; NaN below two cycles.
-    sensitivity, sensitivity_unit : [cycles] end to end, mV/mm, or mV/kPa if x was not read in every cycle.
-    """
+    """Figures of one sensor cycle by cycle."""
 
     numbers: tuple[int, ...]
-    hysteresis_percent_fso: FloatArray
-    span_mv: FloatArray
-    snr_db: FloatArray
-    displacement_percent_fso: FloatArray
-    level_displacement_percent_fso: FloatArray
-    branch_displacement_percent_fso: FloatArray
-    sensitivity: FloatArray
+    hysteresis_percent_fso: FloatArray  # [cycles] over pressure
+    span_mv: FloatArray  # [cycles]
+    snr_db: FloatArray  # [cycles]
+    displacement_percent_fso: FloatArray  # [cycles] levels' mean less its median over the run's second half
+    level_displacement_percent_fso: FloatArray  # [cycles, levels] less its mean over the cycles
+    branch_displacement_percent_fso: FloatArray  # [2, cycles, levels] the same of a branch
+    sensitivity: FloatArray  # [cycles] end to end, mV/mm, or mV/kPa if x was not read in every cycle
     sensitivity_unit: str
     warm_up: int
-    hysteresis_lift_percent_fso: float
+    hysteresis_lift_percent_fso: float  # mean lift of the hysteresis of a cycle by noise; NaN below two cycles
 
 
 def figures_by_cycle(
@@ -188,9 +178,7 @@ def figures_by_cycle(
 ) -> FiguresByCycle:
     """Return the figures of one sensor cycle by cycle; those relative to a full scale of zero or NaN are NaN.
 
-    Parameters
-    ----------
-    noise : sums of squares, degrees of freedom and cycle, as `noise_figures.staircase_noise` returns them.
+    `noise`: sums of squares, degrees of freedom and cycle, as `noise_figures.staircase_noise` returns them.
     """
     levels = branch_mean(loops.signal_mv[sensor])
     whole = np.isfinite(levels).all(axis=0) if loops.n_cycles else np.zeros(0, bool)

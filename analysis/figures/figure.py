@@ -121,27 +121,18 @@ class Reason(StrEnum):
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Figure:
-    """One figure of a report: value, unit, number of independent items, 95 % interval, or why there is none.
+    """One figure of a report: value, unit, number of independent items, 95 % interval, or why there is none."""
 
-    Attributes
-    ----------
-    value, low, high : NaN or infinite where `void` gives the reason; the limits NaN where none can be given.
-    n : number of cycles, plateaus or points, see `definition`.
-    void, note : why the figure is not to be used; why the interval is missing or wide.
-    window : what was lost or left out of its samples; None where it rests on none directly.
-    reason : the code of `void` or `note`; programs decide by it.
-    """
-
-    value: float
+    value: float  # this and the limits are NaN or infinite where `void` gives the reason
     unit: str
-    n: int
-    low: float = float("nan")
+    n: int  # number of cycles, plateaus or points, see `definition`
+    low: float = float("nan")  # NaN where no limit can be given
     high: float = float("nan")
-    void: str = ""
-    note: str = ""
+    void: str = ""  # why the figure is not to be used
+    note: str = ""  # why the interval is missing or wide
     definition: str = ""
-    window: Losses | None = None
-    reason: Reason = Reason.NONE
+    window: Losses | None = None  # what was lost or left out of its samples; None where it rests on none directly
+    reason: Reason = Reason.NONE  # the code of `void` or `note`; programs decide by it
 
     def __float__(self) -> float:
         return self.value

@@ -128,11 +128,9 @@ def noise_and_snr(
 ) -> tuple[Figure, Figure]:
     """Return the noise rms (mV) and the SNR (dB) = 20 log10(FSO / noise), with intervals over cycles.
 
-    Parameters
-    ----------
-    parts : sums of squares, degrees of freedom and cycle, as `staircase_noise` returns them.
-    weights : [resamples, cycles] bootstrap weights.
-    rounding_mv : noise that the rounding of doubles at the signal's level may make; less counts as none.
+    `parts`: sums of squares, degrees of freedom and cycle, as `staircase_noise` returns them. `weights`: [resamples,
+    cycles] bootstrap weights. `rounding_mv`: noise that the rounding of doubles at the signal's level may make; less
+    counts as none.
     """
     squares, dof, cycle_of = parts
     if dof.sum() <= 0:

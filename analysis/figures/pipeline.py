@@ -185,13 +185,10 @@ def analyse(
     """Compute every figure of a run.
 
     A run that is incomplete or damaged is no error: its figures are void, with reasons. Raises FileError or DataError
-    if the run or the elongations cannot be read, or do not fit each other.
-
-    Parameters
-    ----------
-    elongation : CSV of elongations, a frame with its columns (`pressure_kpa`, `elongation_mm`), or [plateaus] values
-        in mm in the order of the run, NaN where none was read; by default the recording's own readings.
-    seed, mcmc : shorthands for the options of the same name; `options` overrides them.
+    if the run or the elongations cannot be read, or do not fit each other. `elongation`: CSV of elongations, a frame
+    with its columns (`pressure_kpa`, `elongation_mm`), or [plateaus] values in mm in the order of the run, NaN where
+    none was read; by default the recording's own readings. `seed`, `mcmc`: shorthands for the options of the same name;
+    `options` overrides them.
     """
     options = options or Options(seed=seed, mcmc=mcmc)
     if not isinstance(recording, Recording):

@@ -94,28 +94,18 @@ MOST_RESAMPLES = 200_000
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """How a run is analysed.
+    """How a run is analysed."""
 
-    Attributes
-    ----------
-    degree : polynomial degree, spline, or auto for the curve that predicts best, see `calibration.adequacy`.
-    x_resolution_mm : grid of the readings; None infers it from their own steps.
-    monotone : only monotone curves in the posterior.
-    resamples, posterior_samples : numbers that replace the precision's.
-    leave_out : leave out readings whose points are off the curve, each with a warning.
-    type_b : contributions that no run shows.
-    """
-
-    degree: Degree = USUAL_DEGREE
-    x_resolution_mm: float | None = None
-    monotone: bool = False
+    degree: Degree = USUAL_DEGREE  # auto: the curve that predicts best, see `calibration.adequacy`
+    x_resolution_mm: float | None = None  # grid of the readings; None infers it from their own steps
+    monotone: bool = False  # only monotone curves in the posterior
     seed: int = 0
     mcmc: bool = True
     plateau: PlateauSettings = field(default_factory=PlateauSettings)
     fidelity: Level = "normal"
-    leave_out: bool = False
-    type_b: tuple[TypeBContribution, ...] = ()
-    resamples: int | None = None
+    leave_out: bool = False  # leave out readings whose points are off the curve, each with a warning
+    type_b: tuple[TypeBContribution, ...] = ()  # contributions that no run shows
+    resamples: int | None = None  # in place of the precision's, as the next
     posterior_samples: int | None = None
 
 

@@ -69,11 +69,8 @@ def batch(
 ) -> pd.DataFrame:
     """Analyse many runs; raises FileError or RequestError for a missing folder, no run in it, or missing Dask.
 
-    Parameters
-    ----------
-    workers : number of processes; by default one for each core.
-    scheduler : address of a Dask scheduler, whose workers can read the runs.
-    allow_remote : allow a scheduler on another computer, see `analysis.cluster`.
+    `workers`: number of processes; by default one for each core. `scheduler`: address of a Dask scheduler, whose
+    workers can read the runs. `allow_remote`: allow a scheduler on another computer, see `analysis.cluster`.
     """
     if scheduler is not None:
         check_scheduler(scheduler, allow_remote=allow_remote)

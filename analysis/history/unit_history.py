@@ -40,29 +40,21 @@ class DatedCalibration:
 
 @dataclass(frozen=True, slots=True)
 class UnitHistory:
-    """Calibrations of one sensor in order of time.
-
-    Attributes
-    ----------
-    coefficients, std_errors : [n, degree + 1], the reading of x included; NaN beyond a curve's degree, and of a spline.
-    value_mv, expanded_mv, expanded_mm : [n] y(x0), its U (k = 2), and U of an elongation there.
-    centre_mv, lower_mv, upper_mv : limits of the control chart; NaN below two calibrations.
-    en, curves : [n] En score against the calibration before; of each, [points, 2] x and y over its range.
-    """
+    """Calibrations of one sensor in order of time."""
 
     sensor: str
     when: tuple[str, ...]
-    coefficients: FloatArray
-    std_errors: FloatArray
+    coefficients: FloatArray  # [n, degree + 1]; NaN beyond a curve's degree, and of a spline
+    std_errors: FloatArray  # [n, degree + 1], the reading of x included
     check_point_mm: float
-    value_mv: FloatArray
-    expanded_mv: FloatArray
-    centre_mv: float
+    value_mv: FloatArray  # [n] y(x0)
+    expanded_mv: FloatArray  # [n] its U (k = 2)
+    centre_mv: float  # this and the limits of the control chart: NaN below two calibrations
     lower_mv: float
     upper_mv: float
-    en: FloatArray
-    expanded_mm: FloatArray
-    curves: tuple[FloatArray, ...]
+    en: FloatArray  # [n] En score against the calibration before
+    expanded_mm: FloatArray  # [n] U of an elongation there
+    curves: tuple[FloatArray, ...]  # [points, 2] of each: x and y over its range
     interval: CalibrationInterval
     signal_unit: str = "mV"
 

@@ -58,12 +58,7 @@ class Scene:
 
 
 def trace(scene: Scene, *, tolerance: float | None = None, progress: Progress | None = None) -> TraceResult:
-    """Trace the light of a scene.
-
-    Parameters
-    ----------
-    tolerance : largest error of `ndr`, rays of 250 at 95 %; it then chooses the number of rays.
-    """
+    """Trace the light of a scene; `tolerance`, the largest error of `ndr` (rays of 250, 95 %), chooses the rays."""
     parts = scene.frame, scene.design, scene.guide, scene.light
     if tolerance is None:
         return simulation.trace(*parts, progress=progress)

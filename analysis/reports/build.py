@@ -57,12 +57,8 @@ def write_report(
     """Write a report of one run, or a comparison of several, and return it; one that was cancelled leaves no file.
 
     Raises RequestError for another ending, no run, or an unknown limit; FileError if the file cannot be written.
-
-    Parameters
-    ----------
-    path : ends in .html or .pdf.
-    limits : name -> value, see `analysis.figures.acceptance.LIMITS`; the verdict is given against them.
-    shadow : the run beside the digital shadow, for a report on one run; None leaves it out.
+    `path`: ends in .html or .pdf. `limits`: name -> value, see `analysis.figures.acceptance.LIMITS`; the verdict is
+    given against them. `shadow`: the run beside the digital shadow, for a report on one run; None leaves it out.
     """
     runs = [analyses] if isinstance(analyses, Analysis) else analyses
 

@@ -56,12 +56,7 @@ def write_built(build: Callable[[], Report], path: Path, progress: Progress | No
 
 
 def unit_report(unit: str, histories: Sequence[UnitHistory], *, simulated: bool) -> Report:
-    """Return the report of a unit over time.
-
-    Parameters
-    ----------
-    unit, histories, simulated : see `write_unit_report`.
-    """
+    """Return the report of a unit over time; parameters as `write_unit_report`."""
     last, due = histories[0], due_first(histories)
     calibrations = f"{len(last.when)} calibration{'s' if len(last.when) > 1 else ''}"
     sentence = due.sentence
@@ -100,12 +95,7 @@ def history_of_unit(unit: UnitComparison) -> list[Section]:
 
 
 def history_tables(history: UnitHistory, number: int) -> tuple[ReportTable | str, ...]:
-    """Return the calibrations as a table, and the proposed interval.
-
-    Parameters
-    ----------
-    number : sensor number, from 1.
-    """
+    """Return the calibrations as a table, and the proposed interval; `number` from 1."""
     columns = (history.value_mv, history.expanded_mv, history.expanded_mm, history.en)
     rows = []
     for k, (when, value, expanded, mm, en) in enumerate(zip(history.when, *columns, strict=True)):

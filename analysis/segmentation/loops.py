@@ -30,32 +30,18 @@ MAX_DAMAGED_CYCLE = 0.05  # share of a continuous cycle's samples that may be lo
 
 @dataclass(frozen=True, slots=True)
 class Loops:
-    """Branches of the used cycles.
+    """Branches of the used cycles; `samples` of each bin are [sensors, 2, cycles, levels], empty for a staircase."""
 
-    Attributes
-    ----------
-    level_kpa : [levels] nominal, ascending.
-    pressure_kpa, elongation_mm : [2, cycles, levels] measured; None if x was not read.
-    signal_mv : [sensors, 2, cycles, levels].
-    own : [2, cycles, levels] True if the value belongs to this branch alone; an extreme ends one branch and only opens
-        the next, so that it is counted once.
-    void : a sentence for every cycle or plateau that carries no figure.
-    ends_kpa : lowest and highest pressure that the cycles reach.
-    binned : the levels are bins of a continuous run.
-    one_branch : why a cycle has no loop, "" where both its branches were driven, of each cycle; empty if all were.
-    samples : [sensors, 2, cycles, levels] number of samples of each bin of a continuous run; empty for a staircase.
-    """
-
-    level_kpa: FloatArray
-    pressure_kpa: FloatArray
-    elongation_mm: FloatArray | None
-    signal_mv: FloatArray
-    own: BoolArray
+    level_kpa: FloatArray  # [levels] nominal, ascending
+    pressure_kpa: FloatArray  # [2, cycles, levels] measured
+    elongation_mm: FloatArray | None  # [2, cycles, levels]; None if x was not read
+    signal_mv: FloatArray  # [sensors, 2, cycles, levels]
+    own: BoolArray  # [2, cycles, levels] False for an extreme that only opens the branch: counted once
     numbers: tuple[int, ...]
-    void: tuple[str, ...]
-    ends_kpa: tuple[float, float]
-    binned: bool
-    one_branch: tuple[str, ...] = ()
+    void: tuple[str, ...]  # a sentence for every cycle or plateau that carries no figure
+    ends_kpa: tuple[float, float]  # lowest and highest pressure that the cycles reach
+    binned: bool  # the levels are bins of a continuous run
+    one_branch: tuple[str, ...] = ()  # why a cycle has no loop, "" where it has one; empty if all have
     samples: FloatArray = field(default_factory=lambda: np.empty((0, 2, 0, 0)))
 
     @property

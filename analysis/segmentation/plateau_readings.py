@@ -61,12 +61,7 @@ Readings: TypeAlias = str | Path | pd.DataFrame | npt.ArrayLike
 def elongations_of(
     recording: Recording, plateaus: tuple[Plateau, ...], readings: Readings | None = None
 ) -> Elongations | None:
-    """Return the elongations given, or of the recording, None without any; BoatDaqError if unfit.
-
-    Parameters
-    ----------
-    readings : CSV, frame with its columns, or [plateaus] values in mm.
-    """
+    """Return the elongations given (CSV, frame with its columns, or [plateaus] in mm), or of the recording, or None."""
     if readings is None:
         return _from_session(recording, plateaus) or _from_column(recording, plateaus)
     if isinstance(readings, pd.DataFrame):

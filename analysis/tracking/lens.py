@@ -90,12 +90,8 @@ def calibrate_lens(pictures: Iterable[Picture], *, corners: tuple[int, int], pit
     """Fit a lens to pictures of a checkerboard in different orientations.
 
     `pictures`: [height, width] grey or [height, width, 3] BGR, all of one size, held one at a time. `corners`: inner
-    corners of the board, columns and rows.
-
-    Raises
-    ------
-    RequestError : an impossible board, or OpenCV is not installed.
-    DataError : pictures of different size, the board is found in too few of them, or the fit is not good.
+    corners of the board, columns and rows. RequestError: an impossible board, or OpenCV is not installed. DataError:
+    pictures of different size, the board is found in too few of them, or the fit is not good.
     """
     if min(corners) < 3 or not pitch_mm > 0:
         raise RequestError("a checkerboard has at least 3 by 3 inner corners and squares above 0 mm", "Check both.")

@@ -34,20 +34,14 @@ class Applies(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Described:
-    """A value that the operator can set.
+    """A value that the operator can set."""
 
-    Attributes
-    ----------
-    key, label, meaning : its name in the file, in a form, and what it is.
-    lowest, highest : bounds of a number; `above` the lowest itself is refused.
-    """
-
-    key: str
-    label: str
+    key: str  # in the file
+    label: str  # in a form
     meaning: str
     default: int | float | bool | str
     unit: str = ""
-    lowest: float = -math.inf
+    lowest: float = -math.inf  # of a number
     highest: float = math.inf
     above: bool = False
     choices: tuple[tuple[int | str, str], ...] = ()  # values and their texts, where there are no others

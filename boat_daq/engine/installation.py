@@ -99,12 +99,7 @@ def _add_sizes(name: str, sizes: dict[str, int]) -> None:
 
 
 def shipped(pattern: str, below: str) -> list[Path]:
-    """Return files beside the sources, in a checkout or a bundle, else in a folder of the environment.
-
-    Raises
-    ------
-    RequestError : they are not installed.
-    """
+    """Return files beside the sources, or in the environment's folder. RequestError: they are not installed."""
     if beside := sorted(ROOT.glob(pattern)):
         return beside
     listed = metadata.files("boat-daq") or []

@@ -119,9 +119,7 @@ def log_folder() -> Path:
 def start_log(command: str = "") -> Path | None:
     """Begin this process's log; a second call changes nothing.
 
-    Returns
-    -------
-    Its file, or None where the folder cannot be written: the program works without a log.
+    Return its file, or None where the folder cannot be written: the program works without a log.
     """
     global _running  # noqa: PLW0603 - one log a process
     with _lock:

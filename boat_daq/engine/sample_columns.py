@@ -61,10 +61,8 @@ def mv_per_count(meta: Mapping[str, Any]) -> float:
 def columns(samples: NDArray[np.void], mv_per_count: float) -> Columns:
     """Return a block of samples in the lab's units.
 
-    Parameters
-    ----------
-    samples : array of `protocol.recording.sample_dtype`.
-    mv_per_count : vref_mv / 2**adc_bits; unused where the samples carry a signal.
+    `samples`: array of `protocol.recording.sample_dtype`. `mv_per_count`: vref_mv / 2**adc_bits; unused where the
+    samples carry a signal.
     """
     if "signal_mv" in (samples.dtype.names or ()):
         raw = signal = samples["signal_mv"]

@@ -54,11 +54,9 @@ def _wire_dtype(n_sensors: int, n_channels: int, itemsize: int) -> np.dtype[np.v
 class Connection:
     """The binary protocol, host side: a `protocol.link.events.Link`.
 
-    Parameters
-    ----------
-    n_sensors : number of sensors if the bytes hold no HELLO (a recording begun later); else the HELLO gives it, and
-        samples before it are counted as unknown.
-    in_turn : a command waits until the one before it is answered, and is then returned by `poll`; VENT never waits.
+    `n_sensors`: number of sensors if the bytes hold no HELLO (a recording begun later); else the HELLO gives it, and
+    samples before it are counted as unknown. `in_turn`: a command waits until the one before it is answered, and is
+    then returned by `poll`; VENT never waits.
     """
 
     can_command = True

@@ -85,11 +85,9 @@ def _positions(steps: IntArray, wrap: int) -> tuple[IntArray, IntArray]:
 class SampleStream:
     """Order, losses and unwrapped time of one link's samples.
 
-    Parameters
-    ----------
-    index_wrap, time_wrap_us : value at which index and clock restart at 0; None for a device without an index: its
-        samples are ordered by time and numbered on arrival, and losses cannot be detected.
-    announces_restart : False for a device without HELLO: a run of late samples then is a restart whatever their clock.
+    `index_wrap`, `time_wrap_us`: value at which index and clock restart at 0; None for a device without an index: its
+    samples are ordered by time and numbered on arrival, and losses cannot be detected. `announces_restart`: False for a
+    device without HELLO: a run of late samples then is a restart whatever their clock.
     """
 
     def __init__(

@@ -23,10 +23,8 @@ _WHOLE_BYTES = {1: 1, 2: 2, 3: 3, 4: 4, 5: 6, 6: 8}  # of an integer, by its ser
 def rows_of_page(page: bytes, image: PageImage, done: set[int]) -> Iterator[tuple[str, Row]]:
     """Give table and row of each cell that can be read; nothing where the page is not a leaf of a table.
 
-    Parameters
-    ----------
-    image : returns the content of another page, for long rows.
-    done : first overflow pages of the long rows that were given; they are not read again.
+    `image`: returns the content of another page, for long rows. `done`: first overflow pages of the long rows that were
+    given; they are not read again.
     """
     if page[:1] != bytes([_LEAF]):
         return

@@ -34,10 +34,8 @@ _KPA_PER_CYCLE = 180.0  # travel of a full cycle, for softening
 class VirtualBoard:
     """A board with one of `specimens.SPECIMEN_NAMES`. RequestError: no such specimen.
 
-    Parameters
-    ----------
-    log_truth : keep the noise-free values of each sample for `take_truth`.
-    log_elongation : keep the true elongation of each tick for `take_elongation`.
+    `log_truth`: keep the noise-free values of each sample for `take_truth`. `log_elongation`: keep the true elongation
+    of each tick for `take_elongation`.
     """
 
     def __init__(

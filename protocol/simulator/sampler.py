@@ -89,12 +89,8 @@ class FrontEnd:
     ) -> Counts:
         """Return counts [n, sensors, (lit, dark)].
 
-        Parameters
-        ----------
-        signal_mv : signal without noise, [n, sensors].
-        time_us : board time of each sample, [n].
-        noise : standard normal numbers, [n, sensors, 2].
-        since_us : board time at which `ambient_ramp` began.
+        `signal_mv`: signal without noise, [n, sensors]. `time_us`: board time of each sample, [n]. `noise`: standard
+        normal numbers, [n, sensors, 2]. `since_us`: board time at which `ambient_ramp` began.
         """
         n, sensors = signal_mv.shape
         reading_mv = noise * self._noise_mv

@@ -31,11 +31,9 @@ class SpecimenActuator:
 class SpecimenSensor:
     """From elongation (mm) to signal (mV).
 
-    Parameters
-    ----------
-    coefficients : b0..b3 of y(x) = b0 + b1 x + b2 x^2 + b3 x^3, mV per mm^k.
-    loop_mv : half the width of its hysteresis loop (signal against elongation) in the middle of the range.
-    noise_mv : rms of one sample's signal, quantisation included.
+    `coefficients`: b0..b3 of y(x) = b0 + b1 x + b2 x^2 + b3 x^3, mV per mm^k. `loop_mv`: half the width of its
+    hysteresis loop (signal against elongation) in the middle of the range. `noise_mv`: rms of one sample's signal,
+    quantisation included.
     """
 
     coefficients: tuple[float, float, float, float]

@@ -132,11 +132,8 @@ def truth_figures(
 ) -> Truth:
     """Return the true figures of a specimen over a cycle, the third of a run. RequestError: no such specimen.
 
-    Parameters
-    ----------
-    cycle_kpa : targets of one cycle, first and last the same; more than the three of `CONTINUOUS` are a staircase, read
-        from `_SETTLED_S` after each arrival.
-    dwell_s : time at each target.
+    `cycle_kpa`: targets of one cycle, first and last the same; more than the three of `CONTINUOUS` are a staircase,
+    read from `_SETTLED_S` after each arrival. `dwell_s`: time at each target.
     """
     model = find_specimen(unit)
     targets = (*cycle_kpa, *cycle_kpa[1:], *cycle_kpa[1:])

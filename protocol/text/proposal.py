@@ -61,12 +61,9 @@ _UNIT_BY_NAME = {"millis": "ms", "micros": "us", "kpa": "kPa"}
 class ProposedField:
     """A field of a line, or a variable of a packet.
 
-    Parameters
-    ----------
-    name : meaning as in a profile; `_` if left out, another text for an extra channel.
-    base, suffix, signed : printed form of its number.
-    scale : factor from the number to `unit`.
-    guessed : whether the meaning is suggested by its numbers alone.
+    `name`: meaning as in a profile; `_` if left out, another text for an extra channel. `base`, `suffix`, `signed`:
+    printed form of its number. `scale`: factor from the number to `unit`. `guessed`: whether the meaning is suggested
+    by its numbers alone.
     """
 
     label: str
@@ -92,12 +89,9 @@ class ProposedField:
 class Proposal:
     """A profile to be confirmed; `content` is its TOML.
 
-    Parameters
-    ----------
-    lines : keys of the profile's table `lines` beside the fields; empty for packets.
-    rx8 : the format string of packets; empty for lines.
-    vref_mv, adc_bits : reference and bits of counts; 0 if no signal is in counts.
-    fitting, seen : number of lines with this syntax, and of all but comments; packets and bytes for packets.
+    `lines`: keys of the profile's table `lines` beside the fields; empty for packets. `rx8`: the format string of
+    packets; empty for lines. `vref_mv`, `adc_bits`: reference and bits of counts; 0 if no signal is in counts.
+    `fitting`, `seen`: number of lines with this syntax, and of all but comments; packets and bytes for packets.
     """
 
     fields: tuple[ProposedField, ...]

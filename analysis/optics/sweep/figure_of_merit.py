@@ -72,8 +72,6 @@ def merit(ndr: FloatArray, floor: float) -> Merit:
 
     `ndr`: (..., states), rays scaled to 250. `floor`: smallest significant RMSE, from `resolution`.
 
-    Notes
-    -----
     P = Delta / (n_sign RMSE), the paper's section "Optical simulation".
     """
     andr = ndr @ cubic_projector(ndr.shape[-1])
@@ -101,8 +99,6 @@ def uncertainty(ndr: FloatArray, sd: FloatArray, floor: float, *, draws: int = _
 
     `ndr`, `sd`: (n, states), rays scaled to 250.
 
-    Notes
-    -----
     The interval is the central 95 % of the draws, widened to contain P itself: scatter can only add rises, so that the
     draws lie below the P of a design that owes its rank to luck. A design is tied with the best if it is at least as
     good in 2.5 % of the draws. Both take the states as independent.
@@ -130,8 +126,6 @@ def p_bounds(
 
     `ndr`, `sd`: (n, states), rays scaled to 250.
 
-    Notes
-    -----
     P is bounded by bounds of its three parts, each with a third of the error probability: Delta is normal; a step
     counts as a rise, or as none, only where it is significant among all steps; the sum of squares about aNDR is a
     multiple of noncentral chi-square, so that what noise adds to RMSE is taken out. Where the states' errors are equal

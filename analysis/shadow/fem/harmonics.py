@@ -88,8 +88,6 @@ def harmonic_pressure(
 
     `nodes`, `u`: shape (nodes, 2), mm. `edges`: shape (k, 3), wetted. `load`: (pressure in kPa, wave number n).
 
-    Notes
-    -----
     Minus p times the second variation of
     V2 = -pi/2 integral of (2 n a b + a^2 + b^2) z' + r (n b + 2 a) c' + n c (r b' - b r') along the wetted edges.
     """

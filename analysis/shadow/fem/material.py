@@ -91,8 +91,6 @@ def tangent(f: FloatArray, c10: float, d1: float, c: FloatArray) -> None:
 
     `f`: shape (5,), F. `c10`, `d1`: kPa and 1/kPa. `c`: shape (5, 5), kPa.
 
-    Notes
-    -----
     dP = a dF - 2a/3 [F (G:dF) + G (F:dF)] + [2a I1/9 + 2/D1 (2J^2 - J)] G (G:dF) + (a I1/3 - b) G dF^T G
     with G = F^-T, a = 2 C10 J^(-2/3), b = 2/D1 (J^2 - J).
     """

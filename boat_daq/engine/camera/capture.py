@@ -37,19 +37,13 @@ class TrackedFrame:
 
 @dataclass(frozen=True, slots=True)
 class CameraState:
-    """What is known of a camera now.
+    """What is known of a camera now."""
 
-    Attributes
-    ----------
-    frames, valid, dropped : counts since it was opened.
-    reading, picture, tracked : the newest ones; None before the first.
-    """
-
-    frames: int = 0
+    frames: int = 0  # since it was opened, as the next two
     valid: int = 0
     dropped: int = 0
     rate_hz: float | None = None  # of the last second; None before
-    reading: CameraReading | None = None
+    reading: CameraReading | None = None  # the newest, as the next two; None before the first
     picture: Picture | None = None
     tracked: TrackedFrame | None = None
     error: BoatDaqError | None = None  # why it ended; None while it runs

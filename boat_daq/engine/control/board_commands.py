@@ -53,10 +53,8 @@ Effect: TypeAlias = Send | StepChanged | SegmentBreak | ControlEvent | RunEnding
 class BoardCommands:
     """Sends commands to one board and interprets its answers.
 
-    Attributes
-    ----------
-    can_command : False where no pressure can be commanded; then nothing is sent but IDENTIFY, START and STOP.
-    whole_contract : False for firmware behind a text profile, which may have no watchdog and no limits of its own.
+    `can_command`: False where no pressure can be commanded; then nothing is sent but IDENTIFY, START and STOP.
+    `whole_contract`: False for firmware behind a text profile, which may have no watchdog and no limits of its own.
     """
 
     def __init__(self, emit: Callable[[Effect], None]) -> None:
@@ -165,10 +163,8 @@ class BoardCommands:
     def tick(self, *, idle: bool, unread: bool = False) -> None:
         """Repeat a vent, feed the watchdog.
 
-        Parameters
-        ----------
-        idle : nothing is under pressure and the board is at rest.
-        unread : the port is read late, and with it the answers that repeats wait for.
+        `idle`: nothing is under pressure and the board is at rest. `unread`: the port is read late, and with it the
+        answers that repeats wait for.
         """
         if self._vent_sent_ns is not None and self.now_ns - self._vent_sent_ns > VENT_AGAIN_S * 1e9:
             self.send(Vent())

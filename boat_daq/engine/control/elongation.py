@@ -60,10 +60,8 @@ class Regulated:
 class Regulator:
     """Signals in, pressures out, for one unit.
 
-    Attributes
-    ----------
-    begin : (board time s, pressure kPa, signals [n, sensors] mV) -> elongation, mm.
-    advance : (board time s, mean time of the samples s, setpoint, signals, limits kPa, whether a step is made smooth).
+    `begin`: (board time s, pressure kPa, signals [n, sensors] mV) -> elongation, mm. `advance`: (board time s, mean
+    time of the samples s, setpoint, signals, limits kPa, whether a step is made smooth).
     """
 
     unit: str

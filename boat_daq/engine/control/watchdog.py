@@ -91,11 +91,8 @@ UNREAD_S = 3.0  # that the port may stay unread by a busy computer
 class StreamWatch:
     """Watches the arrival of one link's samples.
 
-    Attributes
-    ----------
-    begun : whether any arrived on this link.
-    silent : whether none has arrived for `silence_s`, until the next one.
-    urgent : whether the system runs the reading thread before others.
+    `begun`: whether any arrived on this link. `silent`: whether none has arrived for `silence_s`, until the next one.
+    `urgent`: whether the system runs the reading thread before others.
     """
 
     def __init__(self, rate_hz: int) -> None:

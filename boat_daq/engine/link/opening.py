@@ -115,10 +115,8 @@ def identify_port(url: str, description: str = "") -> PortIdentity:
 def listed_ports(unit_of: Mapping[str, str]) -> list[PortIdentity]:
     """Return the serial ports of this machine without opening one.
 
-    Parameters
-    ----------
-    unit_of : unit by the USB serial number of the board used with it (`UnitLibrary.boards`). A number that several
-        devices have identifies none.
+    `unit_of`: unit by the USB serial number of the board used with it (`UnitLibrary.boards`). A number that several
+    devices have identifies none.
     """
     ports = list_ports()
     devices = Counter((port.usb_serial, port.interface) for port in ports)

@@ -266,11 +266,9 @@ Transport: TypeAlias = SerialTransport | SocketTransport
 def open_transport(url: str, *, baud: int = DEFAULT_BAUD, allow_remote: bool = False) -> Transport:
     """Open a port.
 
-    Parameters
-    ----------
-    url : a serial device or pseudo-terminal ("COM3", "/dev/ttyACM0"), or "socket://host:port".
-    baud : baud rate of a serial device, 8N1.
-    allow_remote : let "socket://" leave this machine; the connection is neither encrypted nor authenticated.
+    `url`: a serial device or pseudo-terminal ("COM3", "/dev/ttyACM0"), or "socket://host:port". `baud`: baud rate of a
+    serial device, 8N1. `allow_remote`: let "socket://" leave this machine; the connection is neither encrypted nor
+    authenticated.
     """
     if url.startswith("socket://"):
         return SocketTransport(url, allow_remote=allow_remote)

@@ -38,14 +38,11 @@ _Item: TypeAlias = Block | Callable[[RowMaker], Iterator[Statement]]
 class Recorder:
     """Writes one recording, as a sink (`PortReader.add_recorder`). Every method is thread-safe.
 
-    Parameters
-    ----------
-    meta : values for `session` (keys of `protocol.recording.SESSION_KEYS`; uuid, status, times, version and the sample
-        type are filled in here). `n_sensors` and `sample_kind` must be there.
-    health : called once a second on the writing thread for a row of `health`; such as `LinkHealth.snapshot`.
-    on_error : called once for each cause, on the writing thread, when the disk fails; the recorder keeps trying. It
-        must not call `close`, which waits for that thread.
-    resumes : the broken run whose recording is resumed, instead of creating one (`resumption`).
+    `meta`: values for `session` (keys of `protocol.recording.SESSION_KEYS`; uuid, status, times, version and the sample
+    type are filled in here). `n_sensors` and `sample_kind` must be there. `health`: called once a second on the writing
+    thread for a row of `health`; such as `LinkHealth.snapshot`. `on_error`: called once for each cause, on the writing
+    thread, when the disk fails; the recorder keeps trying. It must not call `close`, which waits for that thread.
+    `resumes`: the broken run whose recording is resumed, instead of creating one (`resumption`).
     """
 
     def __init__(
@@ -167,10 +164,7 @@ class Recorder:
     ) -> None:
         """Keep an event.
 
-        Parameters
-        ----------
-        source : board, host, user or sequencer.
-        time_us : board time; the newest sample's when None.
+        `source`: board, host, user or sequencer. `time_us`: board time; the newest sample's when None.
         """
         self._later(lambda rows, host_ns: rows.event(host_ns, source, kind, value, text, time_us))
 

@@ -107,15 +107,9 @@ def summarise(path: Path) -> Summary:
 
 
 def pressure_outline(path: Path, points: int) -> tuple[tuple[float, float, float], ...]:
-    """Return the course of the pressure in the unit square.
+    """Return the course of the pressure in the unit square: time, lowest and highest pressure of each point.
 
-    Parameters
-    ----------
-    points : number of points, which may be exceeded by less than its double.
-
-    Returns
-    -------
-    Time, lowest and highest pressure of each point; none with fewer than two.
+    None with fewer than two. `points`: their number, which may be exceeded by less than its double.
     """
     with closing(schema.open_recording(path)) as db:
         rows = db.execute(

@@ -85,11 +85,9 @@ def verify_recording(
 ) -> Verification:
     """Derive a recording again from its raw bytes.
 
-    Parameters
-    ----------
-    path : a recording; one that is interrupted, or in progress, is checked up to its last commit.
-    reanalyse : computes a stored result anew, or returns None for an unknown kind.
-    code : state of the program that `reanalyse` computes with; a result names the one it was computed by.
+    `path`: a recording; one that is interrupted, or in progress, is checked up to its last commit. `reanalyse`:
+    computes a stored result anew, or returns None for an unknown kind. `code`: state of the program that `reanalyse`
+    computes with; a result names the one it was computed by.
     """
     started = time.monotonic()
     tally = {"samples": 0, "chunks": 0, "results": 0}

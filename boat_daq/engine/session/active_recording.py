@@ -107,12 +107,7 @@ class ActiveRecording:
             recorder.camera(reading)
 
     def end(self, end: RunEnd) -> Path | None:
-        """Close the recording as it is, without a command to the board.
-
-        Returns
-        -------
-        Its path; None where nothing was recorded.
-        """
+        """Close the recording as it is, without a command to the board; return its path, None where there was none."""
         with self._control.acting():
             recorder, self._journal.recorder = self._journal.recorder, None
             ending, reader = self._journal.ended or RunEnding(end), self._link.reader

@@ -29,31 +29,18 @@ CAPACITY = 1_200_000  # samples: two minutes at 10 kHz, about 50 MB
 
 @dataclass(frozen=True, slots=True, repr=False)
 class MeasuredBlock:
-    """Consecutive samples, one row each (n), in the units of the recording.
+    """Consecutive samples, one row each (n), in the units of the recording."""
 
-    Attributes
-    ----------
-    index : [n] sampling instants, counted from the start of the stream; a gap is loss.
-    time_s : [n] board time.
-    host_ns : [n] host's monotonic clock at the arrival.
-    pressure_kpa : [n] gauge.
-    target_kpa : [n] commanded, NaN while nothing is.
-    signal_mv : [n, sensors].
-    state, flags : [n], see `protocol.recording`.
-    others : [n] each, the extra channels by column, each in its unit.
-    skipped : samples discarded before this block because the script did not take them in time. They are recorded.
-    """
-
-    index: NDArray[np.uint32]
-    time_s: NDArray[np.float64]
-    host_ns: NDArray[np.int64]
-    pressure_kpa: NDArray[np.float64]
-    target_kpa: NDArray[np.float64]
-    signal_mv: NDArray[np.float64]
-    state: NDArray[np.uint8]
+    index: NDArray[np.uint32]  # [n] sampling instants, counted from the start of the stream; a gap is loss
+    time_s: NDArray[np.float64]  # [n] board time
+    host_ns: NDArray[np.int64]  # [n] host's monotonic clock at the arrival
+    pressure_kpa: NDArray[np.float64]  # [n] gauge
+    target_kpa: NDArray[np.float64]  # [n] commanded, NaN while nothing is
+    signal_mv: NDArray[np.float64]  # [n, sensors]
+    state: NDArray[np.uint8]  # [n], see `protocol.recording`, as `flags`
     flags: NDArray[np.uint16]
-    others: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
-    skipped: int = 0
+    others: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)  # [n] each, by column, in its unit
+    skipped: int = 0  # before this block, not taken in time by the script. They are recorded
 
     def __repr__(self) -> str:
         if not len(self):

@@ -174,10 +174,7 @@ def enter_simulated_readings(
 ) -> int:
     """Enter readings of a virtual unit, from its truth; return how many.
 
-    Parameters
-    ----------
-    truth_csv : what the board wrote; by default that of `Session.simulated`.
-    seed : seed of the reader's error.
+    `truth_csv`: what the board wrote; by default that of `Session.simulated`. `seed`: seed of the reader's error.
     """
     if truth_csv is None and session.virtual_board is not None:
         truth_csv = session.virtual_board.truth

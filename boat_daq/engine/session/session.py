@@ -59,11 +59,8 @@ _RUN_OVER = (SessionState.IDLE, SessionState.ABORTED, SessionState.FAULT)
 class Session:
     """A link to one board, its recording and its run.
 
-    Attributes
-    ----------
-    live : samples as they come: the ring of the screen, sinks.
-    recording : metadata of the recording in progress, and of closed ones.
-    unit_under_test : stores a unit, whose limits then hold at once.
+    `live`: samples as they come: the ring of the screen, sinks. `recording`: metadata of the recording in progress, and
+    of closed ones. `unit_under_test`: stores a unit, whose limits then hold at once.
     """
 
     def __init__(self, settings: Settings | None = None, units: UnitLibrary | None = None) -> None:
@@ -115,10 +112,8 @@ class Session:
     def simulated(cls, unit: str = "SA1", *, speed: float = 20.0, seed: int = 0, **options: Any) -> Session:
         """Connect to a virtual board in this process, for notebooks and tests; all its data are marked SIMULATED.
 
-        Parameters
-        ----------
-        speed : board time over real time, 1 to 1000.
-        options : those of `open`. `enter_simulated_readings(session)` then enters the elongations of its plateaus.
+        `speed`: board time over real time, 1 to 1000. `options`: those of `open`. `enter_simulated_readings(session)`
+        then enters the elongations of its plateaus.
         """
         from boat_daq.engine.simulator.server import BoardInThread
 
@@ -141,12 +136,8 @@ class Session:
     def samples(self, seconds: float | None = None, *, every_s: float = 0.05) -> Iterator[MeasuredBlock]:
         """Yield what the board sends from now on, block by block, until the link is closed.
 
-        A script that is slow delays neither reader nor recording: see `MeasuredBlock.skipped`.
-
-        Parameters
-        ----------
-        seconds : board time; None for as long as the link is there.
-        every_s : samples are collected for so long before they are yielded.
+        A script that is slow delays neither reader nor recording: see `MeasuredBlock.skipped`. `seconds`: board time;
+        None for as long as the link is there. `every_s`: samples are collected for so long before they are yielded.
         """
         queue = SampleQueue(self.live.target_kpa, lambda: self.mv_per_count, self.live.other_channels)
         remove = self.live.add_sink(queue)
@@ -381,11 +372,8 @@ class Session:
         """Control the elongation, while no run is in progress; a second call only moves the setpoint.
 
         A stop, a vent or a manual pressure ends it. The control itself ends it, and vents or holds, where sensors
-        disagree, the elongation is unknown or does not follow, or the link is too slow.
-
-        Parameters
-        ----------
-        regulator : made for this unit from its calibration in force; None where it is controlled already.
+        disagree, the elongation is unknown or does not follow, or the link is too slow. `regulator`: made for this unit
+        from its calibration in force; None where it is controlled already.
         """
         with self._acting() as control:
             if regulator is not None and self.unit_under_test.name and regulator.unit != self.unit_under_test.name:

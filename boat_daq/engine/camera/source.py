@@ -13,7 +13,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -63,7 +63,8 @@ Picture = npt.NDArray[np.uint8]
 
 _ANSWER_S = 5.0  # longest wait for an address
 JPEG_BYTES_MAX = 32 * 2**20
-PIXELS_MAX = 40_000_000
+PIXELS_MAX = 51_000_000  # of a sensor that is sold with 50 megapixels
+os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(PIXELS_MAX))  # it decodes no more; read when it is imported
 _HEADER_LINES = 40
 _VIDEO_SUFFIXES = (".mkv", ".avi", ".mp4", ".mov", ".m4v", ".webm", ".mpg", ".mpeg", ".mjpeg", ".mjpg", ".wmv")
 
@@ -130,10 +131,18 @@ def read_picture(path: Path) -> Picture:
     if not path.is_file() or path.stat().st_size > JPEG_BYTES_MAX * 4:
         raise RequestError(f"{path} is no picture", "give a PNG or JPEG file")
     with _quiet() as cv:
-        picture = cv.imread(str(path), cv.IMREAD_GRAYSCALE)
-    if picture is None or picture.size > PIXELS_MAX:
-        raise RequestError(f"{path.name} is no picture, or has more than 40 megapixels", "give a PNG or JPEG file")
-    return np.asarray(picture, np.uint8)
+        picture = _grey(lambda: cv.imread(str(path), cv.IMREAD_GRAYSCALE))
+    if picture is None:
+        raise RequestError(f"{path.name} is no picture, or has more than 50 megapixels", "give a PNG or JPEG file")
+    return picture
+
+
+def _grey(read: Callable[[], Any]) -> Picture | None:
+    """Return what OpenCV reads; None where that is no picture, or a giant one."""
+    with suppress(optional("cv2").error):
+        picture = read()
+        return None if picture is None or picture.size > PIXELS_MAX else np.asarray(picture, np.uint8)
+    return None
 
 
 @contextmanager
@@ -286,10 +295,10 @@ class MjpegAddress:
 
     def _decoded(self, jpeg: bytes) -> Picture:
         cv = optional("cv2")
-        picture = cv.imdecode(np.frombuffer(jpeg, np.uint8), cv.IMREAD_GRAYSCALE)
-        if picture is None or picture.size > PIXELS_MAX:
+        picture = _grey(lambda: cv.imdecode(np.frombuffer(jpeg, np.uint8), cv.IMREAD_GRAYSCALE))
+        if picture is None:
             raise DeviceError(f"{self.name} sent what is no JPEG picture", "check the camera")
-        return np.asarray(picture, np.uint8)
+        return picture
 
     def close(self) -> None:
         """Have the frames end."""

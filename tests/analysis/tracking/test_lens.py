@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import struct
 import subprocess
 import sys
+import zlib
 from dataclasses import replace
 from pathlib import Path
 
@@ -55,9 +57,7 @@ def test_lens_and_mark_are_in_the_uncertainty_of_lengths() -> None:
     assert u_scale(LENS, 0.02) == pytest.approx(np.hypot(of_lens, 0.002), rel=1e-3)
 
 
-def photograph(
-    tilt_deg: tuple[float, float], *, width: int = 6000, height: int = 4000, focal_px: float = 7000.0
-) -> Picture:
+def photograph(tilt_deg: tuple[float, float], *, width: int, height: int, focal_px: float) -> Picture:
     """Return a checkerboard of 9 x 7 squares as an ideal pinhole camera sees it, 20 squares away."""
     side = 100
     board = np.full((9 * side, 11 * side), 255, np.uint8)  # with a white margin of one square
@@ -72,26 +72,45 @@ def photograph(
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the peak memory of another process")
-@pytest.mark.fault(63, how="six photographs of 24 megapixels")
+@pytest.mark.skipif(sys.platform != "linux", reason="the peak memory of another process")
+@pytest.mark.fault(63, how="six photographs of 40 megapixels as a phone takes them, and a bomb of 900", times=2)
 def test_photographs_need_bounded_memory(tmp_path: Path) -> None:
-    """24 megapixels each: below 1 GB, and the focal length that they were projected with."""
+    """Below 1 GB and 20 s, with the focal length that they were projected with; the bomb is refused within them."""
     for number, tilt in enumerate([(-25.0, 5.0), (-12.0, 20.0), (0.0, -20.0), (10.0, 0.0), (18.0, -8.0), (28.0, 12.0)]):
-        cv2.imwrite(str(tmp_path / f"{number}.png"), photograph(tilt), [cv2.IMWRITE_PNG_COMPRESSION, 1])
+        picture = cv2.resize(photograph(tilt, width=3650, height=2740, focal_px=4250.0), (7300, 5480))
+        cv2.imwrite(str(tmp_path / f"{number}.jpg"), picture, [cv2.IMWRITE_JPEG_QUALITY, 92])
+    side = 30_000
+    head, data = struct.pack(">IIBBBBB", side, side, 1, 0, 0, 0, 0), zlib.compress(bytes(side * (side // 8 + 1)), 1)
+    chunks = [(b"IHDR", head), (b"IDAT", data), (b"IEND", b"")]
+    content = [struct.pack(">I", len(c)) + k + c + struct.pack(">I", zlib.crc32(k + c)) for k, c in chunks]
+    (tmp_path / "bomb.png").write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(content))
     program = """
-import sys
+import resource, sys
+from pathlib import Path
 from boat_daq.cli import main
+from boat_daq.engine.camera.source import read_picture
 sys.argv = ["boat-daq", "camera", "calibrate", *sys.argv[1:], "--out", "lens.json"]
 try:
     main()
 finally:
-    print(open("/proc/self/status").read().split("VmHWM:")[1].split()[0], file=sys.stderr)  # since it was started
+    try:
+        read_picture(Path("bomb.png"))
+    except Exception as error:
+        print(getattr(error, "cause", repr(error)), file=sys.stderr)
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    peak = open("/proc/self/status").read().split("VmHWM:")[1].split()[0]  # since it was started
+    print(peak, used.ru_utime + used.ru_stime, file=sys.stderr)
 """
-    command = [sys.executable, "-c", program, *sorted(map(str, tmp_path.glob("*.png")))]
+    command = [sys.executable, "-c", program, *sorted(map(str, tmp_path.glob("*.jpg")))]
     ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert int(ended.stderr.splitlines()[-1]) < 1_000_000
+    *_, refusal, used = ended.stderr.splitlines()
+    assert refusal == "bomb.png is no picture, or has more than 50 megapixels"
+    peak_kb, seconds = map(float, used.split())
+    assert peak_kb < 1_000_000
+    assert seconds < 20
     lens = read_lens(tmp_path / "lens.json")
     assert lens.views == 6
-    assert lens.matrix[0][0] == pytest.approx(7000.0, rel=2e-3)
+    assert lens.matrix[0][0] == pytest.approx(8500.0, rel=2e-3)
     assert lens.reprojection_px < 0.3
 
 

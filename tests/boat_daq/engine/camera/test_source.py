@@ -98,6 +98,13 @@ def test_an_impossible_address_is_refused(address: str) -> None:
         open_source(address)
 
 
+def giant_jpeg() -> bytes:
+    """A small picture whose header states 65,000 x 65,000 pixels, more than OpenCV takes."""
+    content = optional("cv2").imencode(".jpg", PICTURE)[1].tobytes()
+    at = content.index(b"\xff\xc0") + 5
+    return content[:at] + 2 * (65_000).to_bytes(2, "big") + content[at + 4 :]
+
+
 @pytest.fixture
 def page() -> Iterator[str]:
     """Serve a page that is no stream; yield its address."""
@@ -105,10 +112,11 @@ def page() -> Iterator[str]:
     class Page(http.server.BaseHTTPRequestHandler):
         def do_GET(self) -> None:
             self.send_response(200)
-            kind = "multipart/x-mixed-replace; boundary=x" if self.path == "/broken" else "text/html"
+            part = {"/broken": b"hello", "/giant": giant_jpeg()}.get(self.path, b"")
+            kind = "multipart/x-mixed-replace; boundary=x" if part else "text/html"
             self.send_header("Content-Type", kind)
             self.end_headers()
-            self.wfile.write(b"--x\r\nContent-Length: 5\r\n\r\nhello\r\n" if self.path == "/broken" else b"<html>")
+            self.wfile.write(b"--x\r\nContent-Length: %d\r\n\r\n%b\r\n" % (len(part), part) if part else b"<html>")
 
         def log_message(self, *_: object) -> None:
             """Print nothing."""
@@ -121,11 +129,12 @@ def page() -> Iterator[str]:
 
 
 def test_an_address_that_is_no_stream_is_refused(page: str) -> None:
-    """A page; parts that are no JPEG; a port where nobody listens."""
+    """A page; parts that are no JPEG, or a giant one; a port where nobody listens."""
     with pytest.raises(DeviceError, match="is no MJPEG stream: status 200, text/html"):
         open_source(page)
-    with pytest.raises(DeviceError, match="no JPEG picture"):
-        next(open_source(f"{page}/broken").frames()).decode()
+    for path in ("broken", "giant"):
+        with pytest.raises(DeviceError, match="no JPEG picture"):
+            next(open_source(f"{page}/{path}").frames()).decode()
     with pytest.raises(DeviceError, match="does not answer"):
         open_source("http://127.0.0.1:9/")
 
@@ -143,9 +152,10 @@ def test_a_picture_file_is_read_grey(tmp_path: Path) -> None:
     path = tmp_path / "board.png"
     assert optional("cv2").imwrite(str(path), PICTURE)
     assert (read_picture(path) == PICTURE).all()
-    path.write_text("no picture", encoding="utf-8")
-    with pytest.raises(RequestError, match="is no picture"):
-        read_picture(path)
+    for content in (b"no picture", giant_jpeg()):
+        path.write_bytes(content)
+        with pytest.raises(RequestError, match="is no picture"):
+            read_picture(path)
 
 
 def test_frames_of_a_video_have_their_own_times() -> None:

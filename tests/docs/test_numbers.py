@@ -18,7 +18,7 @@ from analysis.optics.sweep.figure_of_merit import merit
 from analysis.optics.sweep.sweep import SweepRequest, paper_grid, run_sweep
 from analysis.shadow.model.full import MESH_ERROR_PERCENT
 from analysis.shadow.model.reduced import ReducedModel
-from analysis.shadow.model.table import load_table
+from analysis.shadow.monitoring.cusum import smallest_shift, threshold_for
 from analysis.signal_prediction.prediction import published_prediction
 from boat_daq.cli import app
 from tests.docs.pages import ROOT
@@ -26,9 +26,12 @@ from tests.verification.alarm_delays import FAULTS, delays
 from tests.verification.mesh_error import errors
 from tests.verification.polarisation import more_percent
 from tests.verification.sensing_principle import FOUND, drawn, repeated
+from tests.verification.uncertainty_coverage import table as table_of_u
 
+ENDS = ("50", "-40")  # kPa
 OPTICS, PAPER = "docs/reproduction/optics.md", "docs/reproduction/paper.md"
 SHADOW, TRACER = "analysis/shadow/METHODS.md", "analysis/optics/METHODS.md"
+METHODS = "analysis/METHODS.md"
 
 
 def called(*words: str) -> Any:
@@ -75,7 +78,7 @@ def test_limits_of_the_shadow_are_those_of_shadow_solve() -> None:
 
 
 def test_errors_of_the_shadow_are_those_of_shadow_solve_and_table() -> None:
-    """Of mesh and table, the range of the table, and the uncertainty from the modulus."""
+    """Of mesh and table, and the range of the table; what history finds of an alarm's shift."""
     solved, made = called("shadow", "solve", "--pressure", "50", "--model", "reduced"), called("shadow", "table")
     says(SHADOW, "one for all, {} x ({} + {}) elements".format(*solved["mesh"]))
     says(SHADOW, f"(`error_mm`) is {solved['error_mm']:g} mm")
@@ -83,8 +86,8 @@ def test_errors_of_the_shadow_are_those_of_shadow_solve_and_table() -> None:
     says(SHADOW, f"held-out states: {made['error_bound_mm']:.1e} mm".replace("e-04", "e-4"))
     (low, high), (least, greatest) = made["pressure_range_kpa"], made["elongation_range_mm"]
     says(SHADOW, f"{low:.1f} to {high:+.0f} kPa and {least:.1f} to {greatest:+.1f} mm")
-    _, u = load_table().nominal_elongation(np.array([50.0, -40.0]))
-    says(SHADOW, f"u = {u[0]:.3f} mm at +50 kPa and {u[1]:.3f} mm at -40 kPa")
+    shifts = [smallest_shift(cycles, threshold_for(1000.0, 10)) for cycles in (20, 100)]
+    says(SHADOW, "d = {:.1f} after 20 cycles and {:.1f} after 100.".format(*shifts))
 
 
 def test_no_design_of_figure_3d_falls_throughout() -> None:
@@ -145,7 +148,7 @@ def test_guides_found_are_those_of_the_search() -> None:
 
 @pytest.mark.nightly
 def test_buckling_of_other_actuators_is_that_of_shadow_solve(tmp_path: Path) -> None:
-    """Other walls, and the lattice's modulus."""
+    """Other walls, which meet both elongations as far as they are stable; the lattice's modulus; a high pressure."""
     file = tmp_path / "actuator.toml"
 
     def critical(text: str) -> float:
@@ -156,6 +159,11 @@ def test_buckling_of_other_actuators_is_that_of_shadow_solve(tmp_path: Path) -> 
     for wall, modulus, neck in ((1.8, 1392.8, 4.786), (2.4, 1253.6, 4.094)):
         kpa = critical(f"wall_mm = {wall}\nwall_modulus_kpa = {modulus}\nneck_radius_mm = {neck}\n")
         says(SHADOW, f"{kpa:.0f} kPa for {wall} mm ({modulus} kPa")
+        stable = [end for end in ENDS if kpa < float(end)]
+        ends = [called("shadow", "solve", "--pressure", end, "--parameters", str(file)) for end in stable]
+        assert [one["elongation_mm"] for one in ends] == pytest.approx([3.8, -2.7][: len(ends)], abs=0.001)
+    assert called("shadow", "solve", "--pressure", "98")["lowest_eigenvalue"] > 0.0
+    says(SHADOW, "Under pressure it is stable to +98 kPa, where the solution ends")
     soft, stiff = (critical(f"lattice_modulus_kpa = {18.34 + change}\n") for change in (-1.86, 1.86))
     says(SHADOW, f"shifts this by {(soft - stiff) / 2:.1f} kPa")
 
@@ -200,7 +208,22 @@ def test_bending_and_light_are_those_of_shadow_chain() -> None:
     says(OPTICS, f"by {-signal['light_change_percent']:.0f} %, so that the model follows")
     one = signal["sensors"][0]
     says(TRACER, f"R^2 is {one['r2']:.2f}; a straight line in elongation has {one['line_r2']:.2f}, a parabola ")
-    says(TRACER, f"{one['parabola_r2']:.4f}. The remainder")
+    says(TRACER, f"{one['parabola_r2']:.4f}. The remainder, {one['rms_percent_fso']:.0f} % FSO, is model error")
+    rises = [each["signal_change_percent"] for each in signal["sensors"]]
+    says(TRACER, "published signals rise by {:.1f} and {:.1f} %".format(*rises))
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(1800)
+def test_readings_within_u_are_those_of_simulated_sensors() -> None:
+    """40 sensors of each kind: the column of the table of what is assumed."""
+    text = " ".join((ROOT / METHODS).read_text(encoding="utf-8").split())
+    for row in table_of_u(40):
+        assert row.holds, row
+        if np.isfinite(row.within):
+            name = row.kind if row.kind in ("cubic", "quintic", "dead zone", "drift", "creep") else row.kind.split()[0]
+            said = "U by the others |" if name == "lost" else name
+            assert f"{said} {100.0 * row.within:.1f}".removesuffix(".0") in text, row
 
 
 @pytest.mark.nightly

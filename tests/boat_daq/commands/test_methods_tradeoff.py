@@ -179,7 +179,7 @@ def test_calculix_again_on_a_small_mesh(tmp_path: Path) -> None:
     from analysis.shadow.model.full import FullModel
     from tests.analysis.studies.tradeoff import make_calculix_reference
 
-    table = make_calculix_reference.made((8, 2, 4), ActuatorParameters())
+    table = make_calculix_reference.made((16, 2, 4), ActuatorParameters())
     model = FullModel()
     pressures, elongations = table["pressures_kpa"], table["elongations_mm"]
     assert isinstance(pressures, list)

@@ -6,7 +6,6 @@ Its plots are the rays of a state, NDR over the states, the designs by merit, an
 from __future__ import annotations
 
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,7 +23,6 @@ from boat_daq.gui.plotting.plot import sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls
-from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.gui.widgets.layouts import ReflowingPage, Shares
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live import axis
@@ -32,7 +30,6 @@ from boat_daq.viewmodels.live.run_model import UNDER_WAY
 from boat_daq.viewmodels.live.sequence import holding_text
 from boat_daq.viewmodels.models.optics import (
     CAVITIES,
-    CURVE_NAMES,
     FACE_NAMES,
     MAPPED_FACE,
     OpticsModel,
@@ -54,7 +51,6 @@ RESPONSE = (
 )
 MERIT = "P = range / (increases × rms residual), relative to the best; click a cell to show its design"
 STRIP = "Designs by falling figure of merit; filled: cannot be told from the best; click one to show it"
-FROM_FILE = "file"
 WHAT_COMES = "Press \u201cSweep all designs\u201d to find which of 648 designs is best, and how sure that is."
 RUNNING = "Under pressure: nothing is traced until the run has ended and the unit is vented."
 
@@ -302,7 +298,8 @@ class OpticsPage(ReflowingPage):
         states = controls.row(controls.label("compressed", "small"), self.slider, controls.label("elongated", "small"))
         keep = services.preferences
         shown = controls.holder(controls.column(self._design(), (self.scene, 1), states, spacing=style.GAP))
-        self.details = controls.inside(controls.column(self._details()))
+        self.ranks = controls.label("", "muted", wrap=True, name="Ranks, turns and errors of the sweep")
+        self.details = controls.inside(controls.column(self.ranks))
         self.details.hide()
         left = Shares("maps", keep, (self.strip, 2), (self.maps, 5))
         right = Shares("rays", keep, (shown, 5), (self.response, 4))
@@ -322,7 +319,7 @@ class OpticsPage(ReflowingPage):
         self.outcome = controls.label("", "muted", wrap=True, name="Why there is no sweep")
         texts = controls.column(self.best, self.paper, self.certainty, self.outcome)
         self.sweep_button = controls.button("Sweep all designs", lambda: attempt(self._sweep), "primary")
-        self.details_button = controls.button("Details", self._toggle_details, tip="Ranks, turns, errors, shape")
+        self.details_button = controls.button("Details", self._toggle_details, tip="Ranks, turns, errors")
         self.details_button.setCheckable(True)
         self.best_button = controls.button("Show best", self.model.show_best)
         self.paper_button = controls.button("Show paper's", self.model.show_paper)
@@ -349,27 +346,10 @@ class OpticsPage(ReflowingPage):
         names = ("Cavities", "Width, mm", "Depth, mm", "Spacing, mm", "Face")
         return controls.inside(labelled(zip(names, (*self.fields.values(), self.face), strict=True)))
 
-    def _details(self) -> QHBoxLayout:
-        curves = [*((words, name) for name, words in CURVE_NAMES.items()), ("From a file \u2026", FROM_FILE)]
-        tip = "Shape of the actuator's wall in each state: computed, by a formula, or measured"
-        self.curves = controls.choice("Deformation curves", curves, self._choose_curves, tip=tip)
-        self.ranks = controls.label("", "muted", wrap=True, name="Ranks, turns and errors of the sweep")
-        return controls.row((self.ranks, 1), labelled([("Shape", self.curves)]))
-
     def _choose(self, _: object) -> None:
         n, width, depth, spacing = (field.currentData() for field in self.fields.values())
         self.model.choose((int(n), float(width), float(depth), float(spacing)), str(self.face.currentData()))
         self.refresh()
-
-    def _choose_curves(self, name: str) -> None:
-        if name == FROM_FILE:
-            self._show_choices()  # the choice before, until a file is chosen
-            ask_open(self, self.services, "Open deformation curves", "csv txt", self.take_file)
-        else:
-            self.model.set_curves(name)
-
-    def take_file(self, path: Path) -> None:
-        self.model.set_curves(str(path))
 
     def _slide(self, state: int) -> None:
         self.model.state = state
@@ -381,7 +361,6 @@ class OpticsPage(ReflowingPage):
         for field, value in zip(self.fields.values(), self.model.values, strict=True):
             select(field, value, f"{value:.3g}")
         select(self.face, self.model.face, self.model.face)
-        select(self.curves, self.model.curves, CURVE_NAMES.get(self.model.curves) or Path(self.model.curves).name)
 
     def refresh(self, snapshot: SessionSnapshot | None = None) -> None:
         """Show design and sweep where they have changed; the first call traces the paper's design."""

@@ -1,8 +1,6 @@
 """The optics page: a design's rays in the 15 states, and the sweep over all designs.
 
 Rules: rays are traced in helper processes; the states of a design arrive together, so that the slider only selects.
-Results are kept by deformation curves: `default` is the set that ships, `parametric` the one in closed form, anything
-else the path of a file.
 """
 
 from __future__ import annotations
@@ -24,7 +22,6 @@ from boat_daq.formatting import count, number
 from boat_daq.viewmodels.common.notices import Notices, Severity, sentence
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from protocol.base.arrays import FloatArray, IntArray
-from protocol.base.errors import DataError
 from protocol.base.whole_file import write_whole
 
 if TYPE_CHECKING:
@@ -65,7 +62,7 @@ def store_sweep(sweep: SweepSummary, path: Path) -> None:
 
 Values = tuple[int, float, float, float]
 """Cavities, width, depth, spacing (mm) of a design."""
-_Key = tuple[Values, str, int, str]  # of a traced design: with its face, rays and curves
+_Key = tuple[Values, str, int]  # of a traced design: with its face and rays
 _GAP = np.full((1, 2), np.nan)
 CAVITIES = (3, 5, 7)
 MORE_RAYS = (1_000, 2_500, 10_000, 25_000, 100_000)  # of the next sweep
@@ -73,7 +70,6 @@ PAPER_DESIGN: Values = (5, 1.0, 0.5, 0.9)
 FACE_NAMES = {"outer": "Outer face", "inner": "Inner face", "both": "Both faces", "midline": "Voids inside"}
 MAPPED_FACE = next(iter(FACE_NAMES))
 """Face of the designs that a sweep maps."""
-CURVE_NAMES = {"default": "Shape from the shadow", "parametric": "Shape by formula"}
 _KEPT = 12
 DRAWN_RAYS = 250
 """Most rays that are drawn of a state; more of them only blacken the picture."""
@@ -144,39 +140,17 @@ class SweepSummary:
         return out
 
 
-def curves_of(name: str) -> FloatArray:
-    """Return the fifteen states of `default`, `parametric` or a file, [15][2][points][2] mm."""
-    from analysis.optics.scene.curve_file import curves_named
-
-    curves = curves_named(name)
-    if len(curves) == 1:
-        raise DataError(f"{Path(name).name} holds one state only", "the page needs all 15, most compressed first")
-    return curves
-
-
-def elongations_of(name: str, curves: FloatArray) -> FloatArray:
-    """Return the states' elongation, mm: as the set gives it, else the change of the guides' length end to end."""
-    from analysis.optics.scene.curves import REST_STATE, elongations
-
-    if name == "default":
-        return np.asarray(elongations())
-    apart = np.linalg.norm(curves[:, :, -1] - curves[:, :, 0], axis=-1).mean(axis=1)
-    return np.asarray(apart - apart[REST_STATE])
-
-
-def trace_design(
-    values: Values, rays: int, curves: str = "default", face: str = "outer", *, progress: Progress | None = None
-) -> DesignResult:
+def trace_design(values: Values, rays: int, face: str = "outer", *, progress: Progress | None = None) -> DesignResult:
     """Return the rays and the response in every state of a design; `rays` is the number in each."""
-    from analysis.optics.scene.curves import frames_of
+    from analysis.optics.scene.curves import default_curves, elongations, frames_of
     from analysis.optics.scene.parameters import Design, Waveguide, light_by
     from analysis.optics.sweep.figure_of_merit import merit, resolution
     from analysis.optics.tracer.simulation import trace
     from analysis.optics.tracer.tolerance import stated_error
 
     design = Design(*values, face)  # type: ignore[arg-type]  # Design checks the face
-    guide, states, light = Waveguide(), curves_of(curves), light_by("count", rays)
-    frames, counts = frames_of(states, guide), []
+    guide, light = Waveguide(), light_by("count", rays)
+    frames, counts = frames_of(default_curves(), guide), []
     for done, frame in enumerate(frames):
         outcome = trace(frame, design, guide, light, progress=part_of(progress, done, 1, len(frames)))
         counts.append((outcome.ndr, outcome.ndr_sd))
@@ -185,7 +159,7 @@ def trace_design(
     ndr, ndr_sd = np.array(counts).T
     scenes = tuple(_scene(frame, design, guide, light) for frame in frames)
     found, error = merit(ndr, resolution(light.rays)), stated_error(ndr_sd, light.rays)
-    return DesignResult(scenes, elongations_of(curves, states), ndr, ndr_sd, found, error, light.rays)
+    return DesignResult(scenes, np.asarray(elongations()), ndr, ndr_sd, found, error, light.rays)
 
 
 def _scene(frame: SceneFrame, design: Design, guide: Waveguide, light: Light) -> StateScene:
@@ -207,18 +181,16 @@ def _joined(lines: Sequence[FloatArray]) -> FloatArray:
     return np.concatenate([part for line in lines for part in (line, _GAP)]) if lines else _GAP
 
 
-def sweep(
-    cavities: tuple[int, ...], rays: int, curves: str = "default", *, progress: Progress | None = None
-) -> SweepSummary:
+def sweep(cavities: tuple[int, ...], rays: int, *, progress: Progress | None = None) -> SweepSummary:
     """Return the sweep of the paper's grid of designs with a number of rays."""
+    from analysis.optics.scene.curves import default_curves
     from analysis.optics.scene.parameters import PAPER_OPTIMUM, light_by
     from analysis.optics.sweep.fans import compare_fans, fans_of
     from analysis.optics.sweep.report import error_text, rank_text
     from analysis.optics.sweep.sweep import SweepRequest, paper_grid, run_sweep
 
-    designs, states = tuple(paper_grid(cavities)), curves_of(curves)
     light = light_by("count", rays)
-    request = SweepRequest(designs, light=light, curves=states)
+    request = SweepRequest(tuple(paper_grid(cavities)), light=light, curves=default_curves())
     fans, size = fans_of(light.rays), len(request.designs) * len(request.curves)
     result = run_sweep(request, progress=part_of(progress, 0, size, fans * size))
     turned = compare_fans(result, fans, progress=part_of(progress, size, (fans - 1) * size, fans * size))
@@ -237,7 +209,6 @@ class OpticsModel:
         self.jobs, self.notices = jobs, notices
         self.values: Values = PAPER_DESIGN
         self.face = MAPPED_FACE
-        self.curves = next(iter(CURVE_NAMES))
         self.state = STATES // 2
         self.fidelity: Fidelity = fidelity()
         self.result: DesignResult | None = None
@@ -245,23 +216,18 @@ class OpticsModel:
         self.sweep_problem = ""  # why the last sweep has none
         self.revision = 0
         self._kept: dict[_Key, DesignResult] = {}
-        self._sweeps: dict[str, SweepSummary] = {}
+        self.sweep: SweepSummary | None = None
         self._shown = self._key()  # of the result
 
     def show_shipped(self, load: Callable[[], SweepSummary]) -> None:
         """Show the sweep that ships with the program until another one is made."""
-        key = next(iter(CURVE_NAMES))
-        if key not in self._sweeps:
-            self._sweeps[key] = load()
+        if self.sweep is None:
+            self.sweep = load()
             self.revision += 1
 
     def running(self, name: str) -> bool:
         """Return whether rays are traced: of one design ("optics"), or of a "sweep"."""
         return self.jobs.get(name) is not None
-
-    @property
-    def sweep(self) -> SweepSummary | None:
-        return self._sweeps.get(self.curves)
 
     def choose(self, values: Values, face: str = "") -> None:
         """Show a design; a new one is traced in the background, and the one before is shown until it is."""
@@ -271,7 +237,7 @@ class OpticsModel:
         if key in self._kept:
             self.result, self._shown = self._kept[key], key
             return
-        job = Job("Tracing rays", trace_design, values, self.fidelity.rays, self.curves, self.face)
+        job = Job("Tracing rays", trace_design, values, self.fidelity.rays, self.face)
         self.jobs.start("optics", job, lambda job: self._traced(job, key))
 
     def _traced(self, job: Job, key: _Key) -> None:
@@ -295,7 +261,7 @@ class OpticsModel:
         return self.result is not None and waits and self._shown != self._key()
 
     def _key(self) -> _Key:
-        return self.values, self.face, self.fidelity.rays, self.curves
+        return self.values, self.face, self.fidelity.rays
 
     def set_fidelity(self, level: Fidelity) -> None:
         """Set the precision of the next traces and sweeps; a trace that is running begins again."""
@@ -303,11 +269,6 @@ class OpticsModel:
         self.revision += 1
         if self.running("optics"):
             self.choose(self.values)
-
-    def set_curves(self, name: str) -> None:
-        """Use other deformation curves: a key of `CURVE_NAMES`, or the path of a file."""
-        self.curves = name
-        self.choose(self.values)
 
     def scene(self) -> StateScene | None:
         return self.result.scenes[self.state] if self.result is not None else None
@@ -362,9 +323,9 @@ class OpticsModel:
         if self.running("sweep"):
             self.jobs.cancel("sweep")
             return
-        curves, self.sweep_problem = self.curves, ""
-        job = Job("Sweeping 9 720 simulations", sweep, CAVITIES, rays or self.fidelity.ranking_rays, curves)
-        self.jobs.start("sweep", job, lambda job: self._swept(job, curves))
+        self.sweep_problem = ""
+        job = Job("Sweeping 9 720 simulations", sweep, CAVITIES, rays or self.fidelity.ranking_rays)
+        self.jobs.start("sweep", job, self._swept)
         self.revision += 1
 
     @property
@@ -414,12 +375,12 @@ class OpticsModel:
         n, width, depth, spacing = (float(v) for v in s.values[index])
         self.choose((int(n), width, depth, spacing), MAPPED_FACE)
 
-    def _swept(self, job: Job, curves: str) -> None:
+    def _swept(self, job: Job) -> None:
         self.revision += 1
         if job.failure is not None:
             self.sweep_problem = self._reported(job)
         elif job.state is JobState.DONE:
-            self._sweeps[curves] = job.result
+            self.sweep = job.result
 
     def _reported(self, job: Job) -> str:
         """Add the failure of a job to the notices and return it as text; nothing for a cancelled one."""

@@ -91,7 +91,7 @@ def update(page):
 def test_design_off_the_grid_is_shown_in_its_fields(page):
     """A value that is not offered is added while it is shown."""
     page.model.choose((7, 1.234, 0.61, 0.55), "inner")
-    assert FakeJob.made[-1].args == ((7, 1.234, 0.61, 0.55), NORMAL.rays, "default", "inner")
+    assert FakeJob.made[-1].args == ((7, 1.234, 0.61, 0.55), NORMAL.rays, "inner")
     update(page)
     assert (page.fields["width"].currentText(), page.fields["width"].count()) == ("1.23", 7)
     assert page.face.currentData() == "inner"
@@ -112,11 +112,11 @@ def many(tied=3, paper=4):
 
 def test_page_answers_which_design_is_best_and_how_sure_that_is(page):
     """Best, paper's and those like the best in words; the strip has all designs, the ranks are behind Details."""
-    page.model._sweeps.clear()
+    page.model.sweep = None
     page.model.revision += 1
     update(page)
     assert page.best.text().startswith("Press \u201cSweep all designs\u201d")
-    page.model._sweeps["default"] = many()
+    page.model.sweep = many()
     page.model.revision += 1
     update(page)
     assert page.best.text() == "Best: 7 cavities, 0.7 \u00d7 0.6 mm, spacing 1.0 mm"
@@ -134,15 +134,15 @@ def test_page_answers_which_design_is_best_and_how_sure_that_is(page):
     assert page.model.values == (7, 0.7, 0.6, 1.0)
     page.model.show_place(5)
     assert page.model.values == PAPER_DESIGN
-    page.model._sweeps["default"] = many(tied=5)
+    page.model.sweep = many(tied=5)
     assert page.model.certainty_text().endswith("with 250 rays. The paper's is one of them.")
-    page.model._sweeps["default"] = many(tied=1)
+    page.model.sweep = many(tied=1)
     assert page.model.certainty_text() == "The best can be told from all other designs with 250 rays."
 
 
 def test_one_button_traces_more_rays(page):
     """Of 250 rays to 1 000, and on; it stops the sweep that runs."""
-    page.model._sweeps["default"] = many()
+    page.model.sweep = many()
     page.model.revision += 1
     update(page)
     assert page.sweep_button.text() == "Trace 1\u2009000 rays"
@@ -153,14 +153,14 @@ def test_one_button_traces_more_rays(page):
     page.sweep_button.click()
     update(page)
     assert page.sweep_button.text() == "Trace 1\u2009000 rays"
-    page.model._sweeps["default"] = dataclasses.replace(many(), rays=5000)
+    page.model.sweep = dataclasses.replace(many(), rays=5000)
     assert page.model.more_rays == 10_000
 
 
 def test_every_selector_has_its_name_above(page):
     """Nine fields had no name."""
     page.details_button.click()
-    fields = (*page.fields.values(), page.face, page.curves)
+    fields = (*page.fields.values(), page.face)
     names = [label for label in page.findChildren(QLabel) if label.isVisible() and label.text()]
     for field in fields:
         corner = field.mapTo(page, QPoint(0, 0))
@@ -220,24 +220,6 @@ def test_value_not_offered_is_listed_last_while_selected(page):
     assert [field.itemText(i) for i in range(field.count())] == before
 
 
-def test_results_are_kept_for_each_file_of_curves(page, tmp_path):
-    """The file's name is shown, the trace requests it, and a sweep of other curves is not shown as if it were its."""
-    page.model._sweeps["default"] = swept()
-    page.take_file(tmp_path / "mine.csv")
-    update(page)
-    assert page.curves.currentText() == "mine.csv"
-    assert FakeJob.made[-1].args[2] == str(tmp_path / "mine.csv")
-    assert page.model.sweep is None
-    FakeJob.made[-1].fail("mine.csv has 3 points")
-    update(page)
-    shown = page.response.readout.text()
-    assert shown == "\u25b2 mine.csv has 3 points. Choose another.   the design before is shown"
-    page.model.set_curves("default")
-    update(page)
-    assert page.curves.currentData() == "default"
-    assert page.model.sweep is not None
-
-
 def test_late_trace_is_not_shown_for_another_design(page):
     """The previous request's result is kept, not drawn in place of the current one's."""
     page.model.choose((3, 0.5, 0.5, 0.5))
@@ -253,9 +235,9 @@ def test_late_trace_is_not_shown_for_another_design(page):
 
 def test_click_on_a_map_shows_the_design(page):
     """The cell under the mouse in the map of its width."""
-    page.model._sweeps.clear()
+    page.model.sweep = None
     page.sweep_button.click()
-    assert FakeJob.made[-1].args == ((3, 5, 7), NORMAL.ranking_rays, "default")
+    assert FakeJob.made[-1].args == ((3, 5, 7), NORMAL.ranking_rays)
     FakeJob.made[-1].bring(swept())
     update(page)
     marked = {spot.symbol(): spot.pos().toTuple() for spot in page.maps.maps[5].marks.points()}
@@ -360,7 +342,7 @@ def test_empty_plots_show_what_will_be_there(live, monkeypatch):
     live.go("Optics")
     page = live.pages["Optics"]
     page.details_button.click()
-    live.model.optics._sweeps.clear()
+    live.model.optics.sweep = None
     for card in (page.strip, page.maps):
         card.show_sweep()
     page.scene.show_state(live.model.optics)

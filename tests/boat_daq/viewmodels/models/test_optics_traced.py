@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
-from analysis.optics.scene.curves import parametric_elongations
 from boat_daq.viewmodels.common.notices import Notices
 from boat_daq.viewmodels.models import optics
 from boat_daq.viewmodels.models.optics import PAPER_DESIGN, OpticsModel
 from boat_daq.workflows.jobs import JobRunner
-from protocol.base.errors import BoatDaqError
 
 
 def test_design_is_traced_in_all_states():
@@ -35,14 +32,3 @@ def test_no_more_rays_are_drawn_than_help():
     for scene in found.scenes:
         assert np.sum(np.isnan(scene.released[:, 0])) <= optics.DRAWN_RAYS
         assert np.sum(np.isnan(scene.secondary[:, 0])) <= 100
-
-
-def test_curves_are_named_or_read_from_a_file(tmp_path):
-    """The parametric states' own elongation is found from the guides; a file of one state is refused by its name."""
-    curves = optics.curves_of("parametric")
-    assert np.allclose(optics.elongations_of("parametric", curves), parametric_elongations())
-    path = tmp_path / "one.csv"
-    rows = [f"{x},{z}" for x, z in curves[7, 0]]
-    path.write_text("x,z\n" + "\n".join(rows), encoding="utf-8")
-    with pytest.raises(BoatDaqError, match="one state only"):
-        optics.curves_of(str(path))

@@ -147,12 +147,8 @@ def view(window: MainWindow) -> list[Command]:
         add("Dark", "", partial(theme, "dark"), also="night theme"),
         add("Full screen", "", window.toggle_full_screen),
         seldom("Follow the system's theme", partial(theme, "system")),
-        seldom("Zoom in on time", partial(live.model.zoom, 0.5)),
-        seldom("Zoom out on time", partial(live.model.zoom, 2.0)),
-        seldom("Show the last 10 s", partial(live.model.set_window, 10.0)),
         seldom("Cursor A", partial(plots.place_cursor, "a"), also="statistics measure"),
         seldom("Cursor B", partial(plots.place_cursor, "b"), also="statistics measure"),
-        seldom("All signals on one axis", live.toggle_together),
     ]
 
 

@@ -333,11 +333,6 @@ class LivePage(QWidget):
         self.model.set_window(seconds if seconds > 0 else math.inf)
         self.pane.setCurrentIndex(stored("tab", 0))
 
-    def toggle_together(self) -> None:
-        """Show all signals on one axis, or on one each."""
-        self.layouts.change(self.layouts.current.toggled_together(self.model.quantities()))
-        self.plots.arrange()
-
     def _change_layout(self, layout: Layout) -> None:
         self.services.notices.attempt(partial(self.layouts.change, layout))
         self.plots.arrange()

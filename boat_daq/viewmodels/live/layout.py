@@ -135,19 +135,6 @@ class Layout:
         others = tuple(q for q in self.right if q != quantity)
         return replace(self, right=(*others, quantity) if right else others)
 
-    def together(self, quantities: Sequence[str]) -> bool:
-        """Return whether all signals that are shown are in one plot."""
-        plots = [plot for plot in self.plots(quantities) if any(map(is_signal, plot.all))]
-        return len(plots) == 1 and sum(map(is_signal, plots[0].left)) > 1
-
-    def toggled_together(self, quantities: Sequence[str]) -> Layout:
-        """Return the layout with all signals on one axis, or with a plot for each."""
-        layout, join = self.complete(quantities), not self.together(quantities)
-        signals = [q for row in layout.rows for q in row if is_signal(q)]
-        for quantity in signals[1:] if join else reversed(signals[1:]):
-            layout = layout.placed(quantity, signals[0] if join else "")
-        return layout
-
     def check(self) -> None:
         """Refuse a plot with three units."""
         for row in self.rows:

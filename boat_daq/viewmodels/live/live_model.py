@@ -228,15 +228,6 @@ class LiveModel:
         """Keep the current span, or follow the data again."""
         self.frozen_s = self.span_s() if self.following else None
 
-    def zoom(self, factor: float) -> None:
-        """Show `factor` times the current span, about the right edge while following, else about the middle."""
-        low, high = self.span_s()
-        if self.following:
-            self.window_s = max(1.0, (high - low) * factor)
-        else:
-            middle, half = (low + high) / 2, (high - low) * factor / 2
-            self.frozen_s = (middle - half, middle + half)
-
     def span_s(self) -> tuple[float, float]:
         """Return the horizontal range, s: from the first sample on until its right edge is reached, then the newest."""
         if self.frozen_s is not None:

@@ -214,7 +214,7 @@ def test_right_click_places_cursors_hides_and_parts_plots(live):
     actions["Hide Pressure"].trigger()
     assert [plot.title for plot in plots.rows] == ["Sensor 1", "Sensor 2"]
     menu_of(live, plots.first, 270.0)["Show Pressure"].trigger()
-    live.live.toggle_together()
+    menu_of(live, plots.rows[1], 270.0)["Draw with sensor 1"].trigger()
     menu_of(live, plots.first, 270.0)["Own axis: Sensor 2"].trigger()
     assert (plots.first.title, plots.first.right._title) == ("Sensor 1", "Sensor 2")
     menu_of(live, plots.first, 270.0)["Own plot: Sensor 2"].trigger()
@@ -288,15 +288,17 @@ def test_panning_stops_following(live):
 
 
 def test_both_signals_on_one_axis(live):
-    """T puts the second signal into the first plot and takes its own plot away; T again parts them."""
+    """The second signal goes into the first plot, and its own plot away; undo parts them."""
     live.draw()
-    rows = len(live.live.plots.rows)
-    live.live.toggle_together()
+    plots = live.live.plots
+    rows = len(plots.rows)
+    menu_of(live, plots.rows[1], 270.0)["Draw with sensor 1"].trigger()
     live.draw()
-    assert len(live.live.plots.rows) == rows - 1
-    assert live.live.plots.curves["s2_mv"] in live.live.plots.first.layers
-    live.live.toggle_together()
-    assert len(live.live.plots.rows) == rows
+    assert len(plots.rows) == rows - 1
+    assert plots.curves["s2_mv"] in plots.first.layers
+    live.model.undo.undo()
+    live.refresh()
+    assert len(plots.rows) == rows
 
 
 @pytest.mark.parametrize("window_s", [600.0, 10.0])  # the picture still fills; it moves

@@ -79,7 +79,10 @@ def test_board_with_one_to_four_sensors_is_shown(make, qtbot, sensors):
     titles = [*(f"Sensor {n}" for n in numbers[:sensors]), "Pressure"]
     qtbot.waitUntil(lambda: window.draw() or [plot.title for plot in page.plots.rows] == titles)
     assert [page.plots.curves[f"s{n}_mv"].x.size > 100 for n in numbers[:sensors]] == [True] * sensors
-    page.toggle_together()
+    layout = page.layouts.current.complete(page.model.quantities())
+    for number in range(2, sensors + 1):
+        layout = layout.placed(f"s{number}_mv", "s1_mv")
+    page.plots.layout_wanted.emit(layout)
     window.draw()
     assert [plot.unit for plot in page.plots.rows] == ["mV", "kPa"]
     assert [page.plots.curves[f"s{n}_mv"] in page.plots.first.layers for n in numbers[:sensors]] == [True] * sensors

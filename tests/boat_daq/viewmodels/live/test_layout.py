@@ -47,10 +47,9 @@ def test_plots_are_hidden_and_overlaid():
 
 def test_signals_share_one_axis_or_have_two():
     """One axis for all and back; or the second on an axis at the right."""
-    joined = Layout().toggled_together(ALL)
+    joined = Layout().complete(ALL).placed(S2, S1)
     assert joined.plots(ALL)[0] == Axes((S1, S2))
-    assert joined.together(ALL)
-    assert shown(joined.toggled_together(ALL)) == shown(Layout())
+    assert shown(joined.placed(S2)) == shown(Layout())
     two = joined.with_axis(S2, right=True)
     assert two.plots(ALL)[0] == Axes((S1,), (S2,))
     assert two.with_axis(S2, right=False).plots(ALL)[0] == Axes((S1, S2))

@@ -60,17 +60,15 @@ _BEGUN = re.compile(rf"{RECORDING}(.+\.boat)\s*$", re.MULTILINE)
 _MARKED = re.compile(rf"({MessageKind.MARK}): .*")
 
 
-def write_bug_report(out: Path, *, personal: bool = False) -> Path:
+def write_bug_report(out: Path) -> Path:
     """Pack a report, with the summary of the last recording in the log."""
     if out.exists():
         raise RequestError(f"{out} exists already", "choose another name")
     texts = {name: without_password(text) for name, text in collect().items()}
-    if not personal:
-        hide = Redaction(texts)
-        texts = {name: hide(text) for name, text in texts.items()}
+    hide = Redaction(texts)
     with writing(out), written_whole(out) as part, zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, text in texts.items():
-            archive.writestr(name, text)
+            archive.writestr(name, hide(text))
     return out
 
 

@@ -24,7 +24,6 @@ class ConnectPanel(QDialog):
         self.connection, self.services = connection, services
         self._refusal: Notice | None = None
         self.setWindowTitle("Connect")
-        self.setModal(False)
         self.setMinimumWidth(style.FORM_WIDTH)
         self.port = QComboBox()
         self.port.setEditable(True)

@@ -139,7 +139,7 @@ class MainWindow(QMainWindow):
             Page.MEASURE: lambda: LivePage(m.run, m.overlay, m.layouts, m.shadow, m.camera, services),
             Tab.CALIBRATION: lambda: CalibrationPage(m.calibration, services),
             Tab.REPEATABILITY: lambda: RepeatPage(m.repeatability, m.choose_repeatability, services),
-            Page.RECORDINGS: lambda: RunsPage(m.runs, m.run_actions, services),
+            Page.RECORDINGS: lambda: RunsPage(m.runs, m.calibration.analyse, m.run.resumption.resume, services),
             Tab.OPTICS: lambda: OpticsPage(m.optics, services),
             Tab.SHADOW: lambda: ShadowPage(m.shadow, m.monitor, services),
             Tab.ACCURACY: lambda: TradeoffPage(m.tradeoff, m.precision, services),

@@ -102,7 +102,6 @@ class ShortcutSheet(QDialog):
         super().__init__(parent)
         self.over = parent
         self.setWindowTitle("Keys")
-        self.setModal(False)
         self._columns = [controls.column(spacing=4 * style.STEP) for _ in SHEET]
         self._body = QWidget()
         self._rows = controls.row(*self._columns, spacing=8 * style.STEP)
@@ -194,7 +193,6 @@ class Tutorial(QDialog):
     def __init__(self, parent: QWidget, page: Path) -> None:
         super().__init__(parent)
         self.setWindowTitle("Your first calibration")
-        self.setModal(False)
         self.shown = _Pages(page.parent)
         without_links = re.sub(r"(?<!!)\[([^]]+)\]\([^)]+\)", r"\1", page.read_text(encoding="utf-8"))
         self.shown.setMarkdown(without_links)

@@ -35,7 +35,7 @@ from boat_daq.viewmodels.results.calibration import CalibrationModel
 from boat_daq.viewmodels.results.csv_import import CsvImport
 from boat_daq.viewmodels.results.repeatability import RepeatabilityModel
 from boat_daq.viewmodels.results.run_result import RunResult
-from boat_daq.viewmodels.results.runs import RunActions, RunsModel
+from boat_daq.viewmodels.results.runs import RunsModel
 from boat_daq.viewmodels.settings_model import SettingsModel
 from boat_daq.workflows.acceptance import Lack, lacking
 from boat_daq.workflows.calibration_in_force import NotCalibrated
@@ -93,10 +93,6 @@ class AppModel:
             self.services,
         )
         self.settings = SettingsModel(session, self.units, folder, self.undo)
-        self.run_actions = RunActions(
-            calibrate=self.calibration.analyse,
-            resume=self.run.resumption.resume,
-        )
         self.unit_choice = UnitChoice(self.preferences, self._use_units)
         self.precision = Precision(self.preferences, self._use_fidelity)
         self.notices.offers = {

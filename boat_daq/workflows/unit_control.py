@@ -6,8 +6,6 @@ unit was not identified with. The file is NAME.twin.json in the folder of the un
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -201,27 +199,19 @@ def check_setpoint(units: UnitLibrary, name: str, mm: float) -> None:
 
     Whether the board is simulated is known only afterwards: either of the unit's calibrations may cover it.
     """
-    regulators: list[Regulator] = []
-    refusals: list[RequestError] = []
+    missing: list[RequestError] = []
+    refused: list[RequestError] = []
     for simulated in (False, True):
-        with _collected(refusals):
-            regulators.append(regulator_of(units.of(simulated=simulated), name))
-    if not regulators:
-        raise refusals[0]
-    refusals.clear()
-    for regulator in regulators:
-        with _collected(refusals):
-            regulator.check(mm)
-    if len(refusals) == len(regulators):
-        raise refusals[0]
-
-
-@contextmanager
-def _collected(refusals: list[RequestError]) -> Iterator[None]:
-    try:
-        yield
-    except RequestError as error:
-        refusals.append(error)
+        try:
+            regulator = regulator_of(units.of(simulated=simulated), name)
+        except RequestError as error:
+            missing.append(error)
+            continue
+        try:
+            return regulator.check(mm)
+        except RequestError as error:
+            refused.append(error)
+    raise (refused or missing)[0]
 
 
 def as_regulator(controller: ElongationController) -> Regulator:

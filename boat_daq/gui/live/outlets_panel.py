@@ -26,7 +26,6 @@ class OutletsPanel(QDialog):
         super().__init__(parent)
         self.model, self.services = model, services
         self.setWindowTitle("Streams and remote control")
-        self.setModal(False)
         self.setMinimumWidth(style.FORM_WIDTH)
         self.streaming = _check("Stream over LSL (Lab Streaming Layer)", self._switch_streams)
         self.network = _check("For other computers, too", self._switch_streams)

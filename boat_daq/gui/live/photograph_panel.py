@@ -127,7 +127,6 @@ class PhotographPanel(QDialog):
         self.run, self.services = run, services
         self.state = Photograph()
         self.setWindowTitle("Reading from a photograph")
-        self.setModal(False)
         self.resize(*style.WINDOW_MINIMUM)
         self.view = PictureView()
         self.view.clicked.connect(self.click)

@@ -23,7 +23,6 @@ class UnitsPanel(QDialog):
         super().__init__(parent)
         self.choice, self.attempt, self.changed = choice, services.notices.attempt, changed
         self.setWindowTitle("Units of the values")
-        self.setModal(False)
         self.setMinimumWidth(style.FORM_WIDTH)
         self.grid = QGridLayout()
         self.grid.setColumnStretch(1, 1)

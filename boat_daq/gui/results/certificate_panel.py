@@ -25,7 +25,6 @@ class CertificatePanel(QDialog):
         self.model, self.services = model, services
         self._shown = -1
         self.setWindowTitle(f"Certificate of {model.path.name}")
-        self.setModal(False)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         missing, laboratory = model.missing(), model.missing_laboratory()
         self.metadata = {key: controls.field(label, on_enter=self._show) for key, label in missing}

@@ -34,7 +34,6 @@ class ClosedReadings(QDialog):
         super().__init__(parent)
         self.path, self.analyse, self.services = path, calibrate, services
         self.setWindowTitle(f"Readings of {path.name}")
-        self.setModal(False)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.resize(style.FORM_WIDTH, style.WINDOW_MINIMUM[1])
         readings = ReadingsModel.of_closed(path, services.undo)

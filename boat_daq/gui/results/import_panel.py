@@ -27,7 +27,6 @@ class ImportPanel(QDialog):
         super().__init__(parent)
         self.over, self.model, self.services = parent, model, services
         self._revision = -1
-        self.setModal(False)
         self.resize(style.WINDOW_MINIMUM[0], style.WINDOW_MINIMUM[1] + style.STRIP_HEIGHT)
         self.summary = controls.label("", "muted", wrap=True, name="How the file is written")
         self.preview = DataTable("First rows of the file", ())

@@ -19,7 +19,6 @@ class MetadataForm(QDialog):
         super().__init__(parent.window())
         self.model, self.services = model, services
         self.setWindowTitle(f"Metadata of {model.subject}")
-        self.setModal(False)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.setMinimumWidth(style.FORM_WIDTH)
         stated = model.stated()

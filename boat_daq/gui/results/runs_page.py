@@ -45,7 +45,7 @@ from boat_daq.gui.widgets.text_dialog import TextDialog
 from boat_daq.viewmodels.common.files import TABLE_KINDS
 from boat_daq.viewmodels.common.services import Page, Place, Services, Tab
 from boat_daq.viewmodels.results.run_entry import MOST_COMPARED, RUN_HEADINGS, RunEntry, obstacle, selection_text
-from boat_daq.viewmodels.results.runs import RunActions, RunsModel
+from boat_daq.viewmodels.results.runs import RunsModel
 from protocol.base.arrays import FloatArray
 from protocol.base.units import as_text
 
@@ -86,9 +86,16 @@ class Thumbnail(QStyledItemDelegate):
 
 
 class RunsPage(QWidget):
-    def __init__(self, model: RunsModel, actions: RunActions, services: Services) -> None:
+    def __init__(
+        self,
+        model: RunsModel,
+        calibrate: Callable[[Path], None],
+        resume: Callable[[Path], None],
+        services: Services,
+    ) -> None:
         super().__init__()
-        self.model, self.other_pages, self.services = model, actions, services
+        self.model, self.services = model, services
+        self._calibrate, self._resume = calibrate, resume
         self._revision = -1
         self._compared: object = None
         self._untouched = True  # until then the newest recording is chosen
@@ -100,7 +107,7 @@ class RunsPage(QWidget):
         self.list.viewport().installEventFilter(self)
         self.first = self.list
         self.list.itemSelectionChanged.connect(self._enable)
-        self.list.itemDoubleClicked.connect(lambda _: self._run(actions.calibrate, Tab.CALIBRATION))
+        self.list.itemDoubleClicked.connect(lambda _: self._run(calibrate, Tab.CALIBRATION))
         self.units = DataTable("Units and their calibrations", UNIT_HEADINGS)
         self.compare_card = PlotCard("Difference from run 1", DIFFERENCE)
         self.differences: list[list[Curve]] = []  # by sensor, as many as any comparison so far had
@@ -138,14 +145,14 @@ class RunsPage(QWidget):
 
     def _make_menu(self) -> dict[str, QAction]:
         """Return what else can be done with the chosen recordings, in the menu of the list and of the button More."""
-        run, other = self._run, self.other_pages
+        run = self._run
         self.menu = QMenu("More", self)
         self.menu.setToolTipsVisible(True)
         entries: tuple[tuple[str, str, Callable[[], object]] | None, ...] = (
             ("readings", "Correct its readings …", partial(run, self._edit)),
             ("compare", "Compare", self._compare),
             None,
-            ("resume", "Resume this run", partial(run, other.resume)),
+            ("resume", "Resume this run", partial(run, self._resume)),
             ("recover", "Recover", self._recover),
             None,
             ("note", "Note …", self._note),
@@ -162,7 +169,7 @@ class RunsPage(QWidget):
         return actions
 
     def _run_buttons(self) -> dict[str, QPushButton]:
-        open_ = partial(self._run, self.other_pages.calibrate, Tab.CALIBRATION)
+        open_ = partial(self._run, self._calibrate, Tab.CALIBRATION)
         buttons = {
             "open": controls.button("Open", open_, "primary", tip="Analyse it, on the page Results"),
             "report": controls.button("Report …", partial(self._ask_save, "pdf html", self.model.report)),
@@ -271,7 +278,7 @@ class RunsPage(QWidget):
 
     def _edit(self, path: Path) -> None:
         units = self.model.shown_units
-        panel = ClosedReadings(self.window(), path, self.other_pages.calibrate, self.services, units)
+        panel = ClosedReadings(self.window(), path, self._calibrate, self.services, units)
         panel.finished.connect(self.model.scan)
         panel.show()
 

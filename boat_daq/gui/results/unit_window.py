@@ -41,7 +41,6 @@ class UnitWindow(QDialog):
         self.model, self.services, self.theme = model, services, like.theme
         self._shown: UnitOverTime | None = None
         self.setWindowTitle(f"{model.title} over time")
-        self.setModal(False)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         available = self.screen().availableSize()
         self.resize(min(_SIZE[0], available.width()), min(_SIZE[1], available.height()))

@@ -5,44 +5,24 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QDialog, QLineEdit, QPlainTextEdit, QWidget
+from PySide6.QtWidgets import QDialog, QWidget
 
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls
 
 
 class TextDialog(QDialog):
-    """Requests a text.
-
-    Parameters
-    ----------
-    text : present text, which is selected.
-    then : function of the text that returns whether it was accepted; else the panel stays open.
-    lines : height of a text of several lines; 1 for one that Enter accepts.
-    """
+    """Requests a text; `then` takes it and returns whether it was accepted, else the panel stays open."""
 
     def __init__(
-        self,
-        parent: QWidget,
-        title: str,
-        explanation: str,
-        text: str,
-        action: str,
-        then: Callable[[str], bool],
-        lines: int = 1,
+        self, parent: QWidget, title: str, explanation: str, text: str, action: str, then: Callable[[str], bool]
     ) -> None:
         super().__init__(parent.window())
         self._then = then
         self.setWindowTitle(title)
-        self.setModal(False)
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         self.setMinimumWidth(style.FORM_WIDTH)
-        self.field: QLineEdit | QPlainTextEdit = controls.field(title, text, self._take)
-        if lines > 1:
-            self.field = QPlainTextEdit(text)
-            self.field.setAccessibleName(title)
-            self.field.setTabChangesFocus(True)
-            self.field.setMinimumHeight(lines * self.field.fontMetrics().lineSpacing())
+        self.field = controls.field(title, text, self._take)
         self.button = controls.button(action, self._take, "primary")
         cancel = controls.button("Cancel", self.close)
         words = controls.label(explanation, "muted", wrap=True)
@@ -52,6 +32,5 @@ class TextDialog(QDialog):
         self.field.setFocus()
 
     def _take(self) -> None:
-        text = self.field.text() if isinstance(self.field, QLineEdit) else self.field.toPlainText()
-        if self._then(text.strip()):
+        if self._then(self.field.text().strip()):
             self.close()

@@ -9,7 +9,6 @@ import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from time import monotonic
@@ -51,14 +50,6 @@ UnitLine = tuple[bool, tuple[str, ...]]
 """Whether a unit is simulated, and its line."""
 Listing = tuple[list[RunEntry], list[UnitLine]]
 """The recordings and the lines of the units."""
-
-
-@dataclass(frozen=True, slots=True)
-class RunActions:
-    """What other pages do with a chosen recording."""
-
-    calibrate: Callable[[Path], None]
-    resume: Callable[[Path], None]
 
 
 class RunsModel:

@@ -221,7 +221,7 @@ class SecopServer:
     async def _requests(self, client: _Client, reader: asyncio.StreamReader, line: bytes) -> None:
         """Answer the first line, where it is not answered yet, and those that follow."""
         due_s = time.monotonic()
-        while line := line or await reader.readline():
+        while (line := line or await reader.readline()).endswith(b"\n"):  # a client may die within a line
             due_s = max(due_s + 1.0 / MOST_A_SECOND, time.monotonic() - 1.0)
             if not _is_vent(line.decode("utf-8", "replace").strip()) and due_s > time.monotonic():
                 await asyncio.sleep(due_s - time.monotonic())

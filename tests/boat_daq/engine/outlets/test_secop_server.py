@@ -625,7 +625,10 @@ REFUSED = [
 
 
 def test_a_lie_is_refused_by_name(session: Session, server: SecopServer) -> None:
-    """Wrong types, values, names and texts: an error of the protocol's class, and the pressure stays as it is."""
+    """Wrong types, values, names and texts: an error of the protocol's class, and the pressure stays as it is.
+
+    A line without its end is no request.
+    """
     client = Client(server.port).authenticated()
     answers = [(line[:40], *client.ask(line)) for line, _ in REFUSED]
     assert [(line, data[0]) for line, _, _, data in answers] == [(line[:40], name) for line, name in REFUSED]
@@ -633,5 +636,8 @@ def test_a_lie_is_refused_by_name(session: Session, server: SecopServer) -> None
         begun = re.match(r"[a-z]*(?= |$)", line)
         assert action == f"error_{(begun and begun[0]) or 'request'}", line
         assert where and text and more == {}, line
+    client.socket.sendall(b"change pressure:target 4")  # the half of 45: the client was killed
+    client.socket.shutdown(socket.SHUT_WR)
+    assert client.line() == ""
     assert session.snapshot().last.state is BoardState.IDLE
     client.close()

@@ -35,7 +35,6 @@ class Conformity(StrEnum):
 
     @property
     def label(self) -> str:
-        """The statement as text."""
         return self.value.replace("_", " ")
 
 
@@ -48,7 +47,6 @@ class ConformityStatement:
     guard_band: float
 
     def as_json(self) -> dict[str, Any]:
-        """Return the statement as a dictionary."""
         return json_object(self) | {"rule": RULE}
 
 

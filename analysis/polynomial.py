@@ -42,17 +42,14 @@ class ScaledBasis:
         return cls(low + (high - low) / 2, (high - low) / 2, degree)
 
     def scaled(self, x: npt.ArrayLike) -> FloatArray:
-        """Return u."""
         return (np.asarray(x, dtype=np.float64) - self.centre) / self.half_width
 
     def design(self, x: npt.ArrayLike) -> FloatArray:
-        """Return the design matrix [..., degree + 1]."""
         u = self.scaled(x)
         rows = legendre.legvander(u.ravel(), self.degree)
         return np.asarray(rows, dtype=np.float64).reshape(*u.shape, self.degree + 1)
 
     def slope_design(self, x: npt.ArrayLike) -> FloatArray:
-        """Return the derivative of the design matrix by x, [..., degree + 1]."""
         u = self.scaled(x)
         return legendre_slopes(u.ravel(), self.degree).reshape(*u.shape, self.degree + 1) / self.half_width
 
@@ -88,11 +85,9 @@ class LeastSquares:
     weights: FloatArray
 
     def rows(self, x: npt.ArrayLike) -> FloatArray:
-        """Return the design matrix at x."""
         return self.basis.design(x)
 
     def slope_rows(self, x: npt.ArrayLike) -> FloatArray:
-        """Return its derivative by x."""
         return self.basis.slope_design(x)
 
     def predict(self, x: npt.ArrayLike) -> FloatArray:
@@ -100,7 +95,6 @@ class LeastSquares:
         return np.asarray(legendre.legval(self.basis.scaled(x), self.basis_coefficients), dtype=np.float64)
 
     def slope(self, x: npt.ArrayLike) -> FloatArray:
-        """Return dy/dx."""
         derivative = legendre.legder(self.basis_coefficients)
         return np.asarray(legendre.legval(self.basis.scaled(x), derivative), dtype=np.float64) / self.basis.half_width
 

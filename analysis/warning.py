@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from analysis.json_object import json_object
-
 
 class WarningCode(StrEnum):
     """What a warning is about."""
@@ -108,12 +106,7 @@ class Warning:
 
     @property
     def sentence(self) -> str:
-        """The text, its subject before it."""
         return f"{self.subject}: {self.text}" if self.subject else self.text
-
-    def as_json(self) -> dict[str, str]:
-        """Return an entry of `warnings`."""
-        return json_object(self, "code", "subject", "text")
 
     def as_flag(self) -> dict[str, str]:
         """Return an entry of `flags`, which has one code for all of a calibration."""

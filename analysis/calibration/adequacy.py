@@ -112,7 +112,6 @@ class Adequacy:
         return f"the curve misses the position means by {size} beyond their scatter ({chance}){better}"
 
     def average(self, x: npt.ArrayLike) -> FloatArray:
-        """Return the average of the curves, mV."""
         return np.asarray(sum(weight * fit.predict(x) for weight, fit in self.averaged), dtype=np.float64)
 
     def deviation(self, x: npt.ArrayLike) -> FloatArray:

@@ -24,7 +24,6 @@ def degree_of(name: str) -> Degree:
 
 
 def curve_name(name: str) -> str:
-    """Return the name of a curve in a sentence."""
     return "a monotone spline" if name == SPLINE else f"degree {name}"
 
 

@@ -132,15 +132,12 @@ class PolynomialBasis:
 
     @property
     def complexity(self) -> int:
-        """Number of coefficients."""
         return self.degree + 1
 
     def design(self, z: npt.ArrayLike) -> FloatArray:
-        """Return the design matrix [points, degree + 1]."""
         return np.asarray(legendre.legvander(np.atleast_1d(np.asarray(z, dtype=np.float64)), self.degree))
 
     def slope_design(self, z: npt.ArrayLike) -> FloatArray:
-        """Return its derivative by z."""
         return legendre_slopes(np.atleast_1d(np.asarray(z, dtype=np.float64)), self.degree)
 
     def constrained(self, loop_terms: int) -> None:
@@ -166,7 +163,6 @@ class JointFit:
 
     @property
     def ends(self) -> tuple[float, float]:
-        """The calibrated range."""
         return self.means.ends
 
     @property
@@ -213,7 +209,6 @@ class JointFit:
         return 1.0 / (of_scatter + of_misfit) if of_scatter + of_misfit > 0 else float("inf")
 
     def scaled(self, x: npt.ArrayLike) -> FloatArray:
-        """Return z."""
         return (np.asarray(x, dtype=np.float64) - self.centre) / self.half_width
 
     def rows(self, x: npt.ArrayLike) -> FloatArray:
@@ -229,7 +224,6 @@ class JointFit:
         return self.basis.slope_design(self.scaled(x).ravel()) / self.half_width
 
     def slope(self, x: npt.ArrayLike) -> FloatArray:
-        """Return dy/dx of the curve."""
         return np.asarray(self.slope_rows(x) @ self.coefficients).reshape(np.shape(x))
 
     @property
@@ -243,7 +237,6 @@ class JointFit:
         return np.asarray((part * variance) @ part.T)
 
     def u(self, x: npt.ArrayLike) -> FloatArray:
-        """Return the standard uncertainty of the curve."""
         rows, covariance = self.rows(x), self.whole_curve_covariance
         variance = np.einsum("ij,jk,ik->i", rows, covariance, rows)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0))).reshape(np.shape(x))
@@ -278,7 +271,6 @@ class JointFit:
         return np.asarray((1.0 - z**2) * np.polynomial.polynomial.polyval(z, [*self.loop, 0.0]))
 
     def loop_width_u(self, x: npt.ArrayLike) -> FloatArray:
-        """Return the standard uncertainty of `loop_width`."""
         z = np.clip(self.scaled(x), -1.0, 1.0)
         rows = (1.0 - z**2)[..., None] * z[..., None] ** np.arange(self.loop.size)
         covariance = self._propagated(self.influence[self.coefficients.size :])

@@ -33,7 +33,6 @@ class MonotoneSplineBasis:
 
     @property
     def complexity(self) -> int:
-        """Number of coefficients."""
         return len(self.knots) + ORDER + 1
 
     @property
@@ -49,7 +48,6 @@ class MonotoneSplineBasis:
         return self._integrated(np.asarray(self._splines(self._within(z))))
 
     def slope_design(self, z: npt.ArrayLike) -> FloatArray:
-        """Return its derivative by z."""
         return self._integrated(np.asarray(self._splines.derivative()(self._within(z))))
 
     def _integrated(self, rows: FloatArray) -> FloatArray:

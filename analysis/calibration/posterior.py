@@ -73,7 +73,6 @@ class Posterior:
         return {name: np.ascontiguousarray(values.reshape(-1, self.walkers).T) for name, values in columns.items()}
 
     def curves(self, x: npt.ArrayLike) -> FloatArray:
-        """Return y(x) of every draw, [draws, x]."""
         return self.basis_samples @ self.calibration.fit.basis.design(np.atleast_1d(np.asarray(x, dtype=float))).T
 
     def curve_band(self, x: npt.ArrayLike, level: float = 0.95) -> tuple[FloatArray, FloatArray]:

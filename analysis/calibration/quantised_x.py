@@ -48,7 +48,6 @@ class Positions:
 
     @property
     def n(self) -> int:
-        """Number of positions."""
         return self.count.size
 
     def covariance(self, fit: LeastSquares) -> FloatArray:

@@ -78,7 +78,6 @@ class SensorRecord:
         )
 
     def as_json(self) -> dict[str, Any]:
-        """Return the stored form."""
         stored = {
             "name": self.name,
             "fit": self.fit,

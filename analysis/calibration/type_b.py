@@ -74,7 +74,6 @@ class TypeBContribution:
 
     @property
     def label(self) -> str:
-        """The name in a budget."""
         return EXPECTED.get(self.name, self.name.replace("_", " "))
 
     def u_mm(self, x_mm: npt.ArrayLike) -> FloatArray:

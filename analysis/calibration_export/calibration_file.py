@@ -19,6 +19,7 @@ import numpy as np
 from analysis.calibration.inverse import NODES, U_NODES, Fusion, Inverse, signal_at
 from analysis.calibration.record import CalibrationRecord, SensorRecord
 from analysis.calibration.type_b import contributions, traceability
+from analysis.json_object import json_object
 from analysis.numbers import finite
 from analysis.warning import Warning
 from protocol.base.arrays import FloatArray
@@ -68,7 +69,7 @@ class CalibrationFile:
             "calibrated_utc": record.calibrated_utc,
             "operator": record.operator,
             "traceability": traceability(stated).text,
-            "warnings": [warning.as_json() for warning in warnings],
+            "warnings": [json_object(warning) for warning in warnings],
         }
         u_mm = [*(u.tolist() for u in u_elongation), *[[] for _ in record.sensors]]
         sensors = tuple(_sensor(sensor, u) for sensor, u in zip(record.sensors, u_mm, strict=False))
@@ -117,7 +118,6 @@ class CalibrationFile:
         return self.fusion
 
     def as_json(self) -> dict[str, Any]:
-        """Return the content of the file."""
         fusion, sensors = self.fusion, []
         for number, sensor in enumerate(self.sensors):
             inverse = None if fusion is None else _inverse_json(fusion.inverses[number])
@@ -138,7 +138,6 @@ class CalibrationFile:
         }
 
     def text(self) -> str:
-        """Return the file's text."""
         return json.dumps(finite(self.as_json()), indent=1, ensure_ascii=False, allow_nan=False, default=str) + "\n"
 
 

@@ -81,11 +81,9 @@ class Level:
 
     @property
     def deviation_mm(self) -> float:
-        """Indicated less read."""
         return self.indicated_mm - self.elongation_mm
 
     def as_json(self) -> dict[str, Any]:
-        """Return the level as a dictionary."""
         named = ("indicated_mm", "deviation_mm", "expanded_uncertainty_mm=expanded_mm")
         found = json_object(self, "branch", "pressure_kpa", "elongation_mm", "signal_mv", *named)
         return found | {"coverage_factor": COVERAGE_FACTOR, "coverage_probability": self.coverage, "n": self.n}
@@ -122,7 +120,6 @@ class CalibratedSensor:
         return adequacy is not None and adequacy.verdict is CurveVerdict.INADEQUATE
 
     def as_json(self) -> dict[str, Any]:
-        """Return the sensor as a dictionary."""
         found = self.as_found
         before = None
         if found is not None:
@@ -169,7 +166,6 @@ class CalibratedItem:
         return not_assessed(self.type_b)
 
     def as_json(self) -> dict[str, Any]:
-        """Return the item as a dictionary."""
         run = ("recording=recording_id", "calibrated_from=begun", "calibrated_to=ended", "board")
         traced = ("traceable=traceability.traceable", "traceability=traceability.text")
         return {
@@ -194,7 +190,6 @@ class Certificate:
 
     @property
     def title(self) -> str:
-        """The title of the document."""
         return "Calibration of a simulated unit" if self.simulated else "Calibration certificate"
 
     @property

@@ -71,7 +71,6 @@ for _prefix, _uri in (("dcc", DCC), ("si", _SI), ("xsi", XSI)):
 
 
 def dcc_xml(certificate: Certificate) -> str:
-    """Return the certificate as XML."""
     root = ET.Element(f"{{{DCC}}}digitalCalibrationCertificate", {"schemaVersion": _SCHEMA_VERSION})
     root.set(f"{{{XSI}}}schemaLocation", f"{DCC} {DCC}/v{_SCHEMA_VERSION}/dcc.xsd")
     _administrative(_add(root, "administrativeData"), certificate)
@@ -97,7 +96,6 @@ def si_unit(symbol: str) -> str:
 
 
 def _add(parent: ET.Element, name: str, text: str | None = None, *, space: str = DCC, **attributes: str) -> ET.Element:
-    """Add an element; `text` may hold any characters."""
     child = ET.SubElement(parent, f"{{{space}}}{name}", attributes)
     if text is not None:
         child.text = _FORBIDDEN.sub("\ufffd", text)

@@ -29,6 +29,5 @@ class Laboratory:
 
     @property
     def address(self) -> str:
-        """The address on one line."""
         town = " ".join(filter(None, (self.post_code, self.city)))
         return ", ".join(filter(None, (self.street, town, self.country_code)))

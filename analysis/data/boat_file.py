@@ -65,7 +65,7 @@ def read_boat_file(path: str | Path) -> Recording:
     path = Path(path)
     with opened(path) as db:
         meta = schema.read_session(db)
-        meta |= metadata_of(db, meta).as_json()
+        meta |= asdict(metadata_of(db, meta))
         _refuse_damaged_log(path, meta)
         if missing := missing_before_recovery(path, db, meta):
             meta["missing"] = asdict(missing)

@@ -15,7 +15,7 @@ import uuid
 import zlib
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -126,7 +126,7 @@ def _session(recording: Recording, samples: npt.NDArray[np.void]) -> dict[str, A
         "sample_dtype": schema.describe_dtype(samples.dtype),
         "rate_hz": recording.meta.get("rate_hz") or (1.0 / recording.interval_s if recording.n > 1 else 0.0),
         "settings": {}, **{key: str(recording.meta.get(key) or "") for key in ("operator", "unit", "note")},
-        "metadata": recording.metadata.as_json(),
+        "metadata": asdict(recording.metadata),
     }  # fmt: skip
     try:
         check_session(values)

@@ -202,7 +202,6 @@ def _refuse_endless_lines(name: str, file: BinaryIO) -> None:
 
 
 def cells_of(line: str, separator: str) -> list[str]:
-    """Return the cells of a line."""
     if separator == " ":
         return line.split()
     try:

@@ -22,6 +22,7 @@ from analysis.data.column_map import CHANNEL, Column, ColumnMap, has_column, map
 from analysis.data.column_names import PLAIN, is_signal
 from analysis.data.csv_table import Table, line_of_row, read_table
 from analysis.data.recording import META_KEYS, Recording
+from analysis.json_object import json_object
 from protocol.base.arrays import BoolArray, FloatArray, IntArray
 from protocol.base.errors import DataError, FileError, RequestError
 from protocol.base.regular_file import read_regular
@@ -223,7 +224,7 @@ def preview(
         "missing": mapping.missing,
         "notes": [*(warning.text for warning in mapping.warnings), *filter(None, [left_out])],
         "issues": [warning.text for warning in table.warnings],
-        "warnings": [warning.as_json() for warning in (*mapping.warnings, *table.warnings)],
+        "warnings": [json_object(warning) for warning in (*mapping.warnings, *table.warnings)],
         "broken_rows": table.broken,
         "masked_cells": table.masked,
     }  # fmt: skip
@@ -306,7 +307,9 @@ def _on_one_clock(
     """Return the columns with one clock that never falls, and the rows to keep: with a time, each once."""
     column = mapping.columns["time_s"]
     time_s = _rising(path, table, column, values.get("segment"), meta)
-    for own, names in _by_clock(mapping).items():
+    for own, names in {
+        own: [name for name, clock in mapping.clocks.items() if clock == own] for own in mapping.clocks.values()
+    }.items():
         try:
             values |= _from_other_clock(table, column, own, {name: values[name] for name in names}, time_s, meta)
         except (DataError, RequestError):
@@ -318,7 +321,8 @@ def _on_one_clock(
     if coarse is not None:
         time_s = time_s.copy()
         time_s[known] = coarse
-        _note(meta, f"stamps of column {table.names[column.position]!r} are {_coarseness(steps):g} s apart: "
+        apart = float(np.median(steps[steps > 0]))
+        _note(meta, f"stamps of column {table.names[column.position]!r} are {apart:g} s apart: "
                     "rows spread evenly between them; --rate HZ states the rate")  # fmt: skip
     keep = np.isfinite(time_s)
     keep[known[1:][np.diff(time_s[known]) == 0]] = False
@@ -375,11 +379,6 @@ def _rising(path: Path, table: Table, column: Column, segment: FloatArray | None
     return found[0]
 
 
-def _by_clock(mapping: ColumnMap) -> dict[Column, list[str]]:
-    """Return the names of the columns of each other clock."""
-    return {own: [name for name, clock in mapping.clocks.items() if clock == own] for own in mapping.clocks.values()}
-
-
 def _from_other_clock(
     table: Table, main: Column, own: Column, values: Mapping[str, FloatArray], time_s: FloatArray, meta: dict[str, Any]
 ) -> dict[str, FloatArray]:
@@ -426,10 +425,6 @@ def _differ_where_time_stands(steps: FloatArray, rows: IntArray, values: Mapping
     signals = [column[rows] for name, column in values.items() if is_signal(name)]
     differ = np.logical_or.reduce([column[same + 1] != column[same] for column in signals])
     return float(differ.mean()) > clocks.COARSE
-
-
-def _coarseness(steps: FloatArray) -> float:
-    return float(np.median(steps[steps > 0]))
 
 
 def _filled(

@@ -72,7 +72,6 @@ class Table:
 
     @property
     def rows(self) -> int:
-        """Number of rows read."""
         return self.columns[0].size if self.columns else 0
 
     def labels(self, wanted: str) -> list[str]:

@@ -94,7 +94,6 @@ class DynamicCalibration:
         )
 
     def as_json(self) -> dict[str, Any]:
-        """Return the figures, steps as a list."""
         steps = [
             {
                 "step_mm": size,

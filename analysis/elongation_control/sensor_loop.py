@@ -31,7 +31,6 @@ class SensorLoops:
 
     @property
     def radii(self) -> FloatArray:
-        """Radii of the plays [m], mm."""
         half = (self.range_mm[1] - self.range_mm[0]) / 2
         return np.asarray(half * (np.arange(_PLAYS) + 0.5) / _PLAYS)
 
@@ -40,7 +39,6 @@ class SensorLoops:
         return np.full(_PLAYS, elongation_mm - sum(self.range_mm) / 2)
 
     def after(self, memory: FloatArray, elongation_mm: float) -> FloatArray:
-        """Return the memory [m] after the elongation has moved."""
         v = elongation_mm - sum(self.range_mm) / 2
         return np.asarray(np.minimum(np.maximum(memory, v - self.radii), v + self.radii))
 

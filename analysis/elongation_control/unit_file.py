@@ -43,16 +43,13 @@ class TwinFile:
     face: Face = "outer"
 
     def tuned(self, tuning: Tuning) -> TwinFile:
-        """Return it with other gains."""
         return replace(self, tuning=tuning)
 
     def as_json(self) -> dict[str, Any]:
-        """Return the content of the file."""
         head = ("unit", "simulated", "calibration_utc", "recording", "hysteresis=model", "tuning", "actuator", "face")
         return {"format": _FORMAT, "version": _VERSION, **json_object(self, *head)}
 
     def write(self, path: Path) -> None:
-        """Write the file at once, and its folder where there is none."""
         path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, json.dumps(finite(self.as_json()), indent=1, allow_nan=False) + "\n")
 

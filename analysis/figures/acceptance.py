@@ -43,12 +43,10 @@ class Tolerance:
 
     @property
     def symbol(self) -> str:
-        """The relation of a figure that keeps the limit: not less, or not more."""
         return "\u2265" if self.is_lower else "\u2264"
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Lower and upper limit, infinite where there is none."""
         if self.is_lower:
             return self.limit, math.inf
         return (-self.limit if self.is_absolute else -math.inf), self.limit
@@ -75,7 +73,6 @@ class LimitStatement:
 
     @property
     def conformity(self) -> Conformity:
-        """Whether the limit is kept."""
         return self.statement.conformity
 
     @property

@@ -145,7 +145,7 @@ class Analysis(AnalysedRun):
             },
             "system_figures": {key: figure.as_json() for key, figure in self.system_figures.items()},
             "flags": [warning.as_flag() for warning in self.warnings],
-            "warnings": [warning.as_json() for warning in self.warnings],
+            "warnings": [json_object(warning) for warning in self.warnings],
             "seed": self.options.seed,
             "fidelity": self.options.fidelity,
             "reading_grid": reading_grid(self),

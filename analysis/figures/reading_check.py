@@ -62,7 +62,6 @@ class CheckedReading:
 
     @property
     def why(self) -> str:
-        """The fault in words."""
         if self.fault is ReadingFault.ALONE:
             return "it alone determines the curve there"
         off = abs(self.off_mm)
@@ -75,7 +74,6 @@ class CheckedReading:
 
     @property
     def long_text(self) -> str:
-        """The same with the place of the reading in the run."""
         return f"{self.mm:+.2f} mm at {self.place}, {self.why}"
 
     def as_json(self) -> dict[str, Any]:
@@ -261,15 +259,12 @@ class _Others:
 
     @property
     def loop(self) -> bool:
-        """Whether the curve has a loop."""
         return self.coefficients.size > self.degree + 1
 
     def design(self, x: FloatArray, branch: FloatArray) -> FloatArray:
-        """Return the rows of the fit."""
         return _design(x, branch, self.ends, self.degree, loop=self.loop)
 
     def slope(self, x: FloatArray) -> FloatArray:
-        """Return dy/dx without the loop."""
         series = legendre.legder(self.coefficients[: self.degree + 1])
         low, high = self.ends
         return np.asarray(legendre.legval(np.clip(_scaled(x, low, high), -1.2, 1.2), series) * 2.0 / (high - low))

@@ -544,7 +544,6 @@ def _loop_figures(
     widths: tuple[LoopWidth, LoopWidth | None],
     noise: tuple[FloatArray, FloatArray, FloatArray],
 ) -> dict[str, Figure]:
-    """Return the figures that rest on loops; `widths` are of the loops over pressure and over elongation."""
     loops, (system, own) = run.loops, widths
     definition = "max over {} of |loading - unloading| / FSO, mean loop"
     over_pressure = hysteresis(system, fso, loops.n_cycles, definition.format("p"))

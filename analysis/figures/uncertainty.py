@@ -60,7 +60,6 @@ class Component:
 
     @property
     def assessed(self) -> bool:
-        """Whether it has a value."""
         return bool(np.isfinite(self.u))
 
     @property
@@ -84,7 +83,6 @@ class Budget:
 
     @property
     def expanded(self) -> float:
-        """U = 2 u."""
         return COVERAGE_FACTOR * self.u
 
     @property
@@ -117,7 +115,6 @@ class Budget:
         return f"no component halves the uncertainty alone: {largest}, 75 % would be needed"
 
     def as_json(self) -> dict[str, Any]:
-        """Return the budget as a dictionary."""
         shares = self.shares()
         line = ("name", "assessed", "u_mm=contribution", "dof")
         lines = [json_object(c, *line) | {"share": shares.get(c.name), "source": c.source} for c in self.components]

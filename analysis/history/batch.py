@@ -82,14 +82,13 @@ def batch(
         if progress is not None:
             progress(done, len(files))
     table = pd.DataFrame(rows)
-    table.attrs["omitted"] = [path.name for path in tables_in(runs)] if isinstance(runs, str | Path) else []
+    table.attrs["omitted"] = (
+        [path.name for path in [path for path in _candidates(Path(runs)) if not _is_run(path)]]
+        if isinstance(runs, str | Path)
+        else []
+    )
     leading = [name for name in LEADING if name in table]
     return table[leading + [name for name in table if name not in leading]]
-
-
-def tables_in(folder: str | Path) -> list[Path]:
-    """Return the CSV files of a folder that are no runs: without a pressure, or without time and signal."""
-    return [path for path in _candidates(Path(folder)) if not _is_run(path)]
 
 
 def _candidates(folder: Path) -> list[Path]:

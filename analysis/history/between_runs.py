@@ -68,7 +68,6 @@ class RunComparison:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of the units, each once."""
         return tuple(dict.fromkeys(analysis.recording.unit for analysis in self.analyses))
 
 

@@ -34,17 +34,14 @@ class Scene:
 
     @property
     def design(self) -> Design:
-        """The cavities."""
         return Design(self.cavities, self.width_mm, self.depth_mm, self.spacing_mm, self.face)
 
     @property
     def guide(self) -> Waveguide:
-        """The waveguides."""
         return OpticalScene(index=self.index).guide
 
     @property
     def light(self) -> Light:
-        """The emitter and the rays."""
         return OpticalScene().light(self.rays, self.secondary)
 
     @property

@@ -56,7 +56,6 @@ def _summary(camera: CameraFigures) -> str:
 
 
 def _table(analysis: Analysis, camera: CameraFigures) -> ReportTable:
-    """Return the figures of every sensor, those of the plateaus beside those of the continuous record."""
     rows = []
     for i, (sensor, one) in enumerate(zip(analysis.sensors, camera.sensors, strict=True), 1):
         plateaus = (

@@ -47,8 +47,6 @@ SectionPart = str | ReportTable | ReportDrawing
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A heading and what follows it."""
-
     title: str
     parts: tuple[SectionPart, ...]
 

@@ -50,7 +50,6 @@ def over_cycles(ax: Axes, ylabel: str, title: str) -> None:
 
 
 def signed(value: float) -> str:
-    """Return a level as its label, +50 or −40."""
     return f"{round(value) or 0:+d}".replace("-", "\u2212") if round(value) else "0"
 
 
@@ -102,7 +101,6 @@ def loop_difference(analysis: Analysis, limit_percent: float | None, ax: Axes) -
 
 
 def actuator_loop(analysis: Analysis, ax: Axes) -> None:
-    """Elongation against pressure, every cycle."""
     loops = analysis.loops
     assert loops.elongation_mm is not None
     for b, fill in ((0, style.PAPER_COLOUR), (1, style.ELONGATION_COLOUR)):

@@ -37,12 +37,7 @@ NO_BREAK = "\u00a0"
 
 def write_pdf(report: Report, path: Path, progress: Progress | None = None) -> None:
     """Write the report at once: a report that was cancelled leaves no file."""
-    write_whole(path, render_pdf(report, progress))
-
-
-def render_pdf(report: Report, progress: Progress | None = None) -> bytes:
-    """Return the report as a PDF; `progress` as `write_pdf` takes it."""
-    return b"".join(_compiled(report, progress, format="pdf", pdf_standards=STANDARDS))
+    write_whole(path, b"".join(_compiled(report, progress, format="pdf", pdf_standards=STANDARDS)))
 
 
 def render_pages(report: Report, ppi: float) -> list[bytes]:

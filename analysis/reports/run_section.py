@@ -58,7 +58,6 @@ def curves(analysis: Analysis) -> list[SectionPart]:
 
 
 def other_figures(analysis: Analysis) -> Section:
-    """Return the section with all figures that are no key figures, and what is undefined or lost."""
     others = tuple(key for key in SENSOR_FIGURES if key not in KEY_FIGURES)
     tables = (*_figure_tables(analysis, others), *_unit_table(analysis))
     return Section("Other figures", (*tables, _DEFINITIONS, *_lost(analysis), *undefined(analysis)))
@@ -76,7 +75,6 @@ _DEFINITIONS = (
 
 
 def _figure_tables(analysis: Analysis, keys: Sequence[str]) -> list[ReportTable]:
-    """Two sensors a table."""
     return [_figure_table(analysis, keys, chosen) for chosen in _pairs(analysis)]
 
 
@@ -181,7 +179,6 @@ def influence_quantities(analysis: Analysis) -> list[Section]:
 
 
 def coefficients(analysis: Analysis) -> Section:
-    """Return the section with the coefficients and the quality of each fit."""
     parts: list[SectionPart] = []
     sampled = any(sensor.posterior for sensor in analysis.sensors)
     for i, sensor in enumerate(analysis.sensors):
@@ -295,10 +292,6 @@ def budget(found: ElongationBudgets | None, of: str = "", analysis: Analysis | N
     return [Section(title, tuple(parts))]
 
 
-def _dof(dof: float) -> str:
-    return NOTHING if np.isnan(dof) else f"{dof:.0f}" if dof < 10_000 else "above 10,000"
-
-
 def _budget_table(found: ElongationBudgets) -> ReportTable:
     """The sensors' budgets side by side; what was assessed for none of them is named below."""
     budgets, rows, missing = found.budgets, [], dict[str, list[str]]()
@@ -316,7 +309,11 @@ def _budget_table(found: ElongationBudgets) -> ReportTable:
             for c, own in zip(parts, shares, strict=True)
         ]
         rows.append((name, *sum(both, ()), source))
-    dof = " / ".join(dict.fromkeys(_dof(b.dof) for b in budgets))
+    dof = " / ".join(
+        dict.fromkeys(
+            (NOTHING if np.isnan(b.dof) else f"{b.dof:.0f}" if b.dof < 10000 else "above 10,000") for b in budgets
+        )
+    )
     covers = " / ".join(dict.fromkeys(NOTHING if b.void else percent(b.coverage) for b in budgets))
     combined = (t for b in budgets for t in ((NOTHING, NOTHING) if b.void else (f"{1000 * b.u:.1f}", "100 %")))
     expanded = (
@@ -345,7 +342,6 @@ def _sources(texts: Sequence[str]) -> str:
 
 
 def readings(analysis: Analysis) -> Section:
-    """Return the section with every plateau of the cycles: pressure, elongation, signals."""
     errors = np.nanmedian([p.signal_se_mv for p in analysis.plateaus], axis=0)
     void = any(p.void for p in analysis.plateaus)
     rows = []

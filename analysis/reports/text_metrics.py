@@ -42,7 +42,6 @@ def fonts() -> list[str]:
 
 
 def font_folders() -> list[str]:
-    """Return the folders that hold the fonts."""
     return list(dict.fromkeys(str(path.parent) for _, _, path in _fonts()))
 
 

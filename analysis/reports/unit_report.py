@@ -118,7 +118,6 @@ def history_tables(history: UnitHistory, number: int) -> tuple[ReportTable | str
 
 
 def _value(history: UnitHistory, value: float) -> str:
-    """Return a signal of the control chart, with the digits that its U shows."""
     return rounded(value, float(np.nanmin(history.expanded_mv)) / 2.0)
 
 
@@ -142,7 +141,6 @@ def _colours(count: int) -> list[tuple[float, float, float, float]]:
 
 
 def _curves(history: UnitHistory, ax: Axes) -> None:
-    """The curve of every calibration, the last one in bold."""
     last = len(history.curves) - 1
     for k, (curve, colour) in enumerate(zip(history.curves, _colours(last + 1), strict=True)):
         label = date_of(history.when[k])[:10] if last < MOST_NAMED or k in (0, last) else None

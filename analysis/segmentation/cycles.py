@@ -59,7 +59,6 @@ class Cycle:
 
     @property
     def rows(self) -> slice:
-        """All rows of the cycle."""
         return slice(self.first, self.last + 1)
 
 
@@ -92,7 +91,6 @@ class Cycles:
 
     @property
     def used(self) -> tuple[Cycle, ...]:
-        """The complete cycles that enter the figures."""
         return tuple(cycle for cycle in self.complete if not cycle.left_out)
 
     def as_json(self) -> dict[str, int]:

@@ -46,7 +46,6 @@ class Loops:
 
     @property
     def n_cycles(self) -> int:
-        """Number of cycles."""
         return len(self.numbers)
 
     def noise_share(self, sensor: int) -> FloatArray:

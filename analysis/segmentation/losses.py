@@ -69,7 +69,6 @@ class LossCounter:
 
     @classmethod
     def of(cls, recording: Recording, sensor: int) -> LossCounter:
-        """Count along a run."""
         lost, crc = np.zeros(recording.n, np.int64), np.zeros(recording.n, np.int64)
         for gap in recording.gaps:
             crc[gap.row] += gap.crc_failed

@@ -55,7 +55,6 @@ class Strokes:
 
     @property
     def cycles(self) -> int:
-        """Number of cycles from rise to rise."""
         return max(self.up_rows.size - 1, 0)
 
 

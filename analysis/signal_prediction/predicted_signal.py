@@ -55,7 +55,6 @@ class PredictedSignal:
         return 2.0 * float(np.hypot(self.rms_mv, noise_mv))
 
     def as_json(self) -> dict[str, Any]:
-        """Return the fit without its table."""
         return {key: value for key, value in asdict(self).items() if not key.startswith("nodes")}
 
 

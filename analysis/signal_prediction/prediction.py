@@ -52,7 +52,6 @@ class SensorPrediction:
         return self.held_out_rms_mv < self.parabola.held_out_rms_mv
 
     def as_json(self) -> dict[str, Any]:
-        """Return the fits."""
         return json_object(self, "before", "after", "line", "parabola", "held_out_rms_mv", "beats_parabola")
 
 

@@ -173,7 +173,6 @@ class StopAssessment:
         return f"not reached, about {more} more cycle{'s' if more > 1 else ''} needed"
 
     def as_json(self) -> dict[str, Any]:
-        """Return it as a dictionary."""
         return asdict(self) | {"reached": self.reached, "more_cycles": self.more_cycles}
 
 

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 
 def machine() -> dict[str, Any]:
-    """Describe this machine and its load."""
     return {
         "system": platform.system(),
         "processor": _processor(),

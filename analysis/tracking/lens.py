@@ -48,7 +48,6 @@ class Lens:
         return np.asarray(found, dtype=np.float64).reshape(-1, 2)
 
     def as_json(self) -> dict[str, Any]:
-        """Return the object of a lens file."""
         size = {"width_px": self.size[0], "height_px": self.size[1]}
         return json_object(self, "matrix", "distortion") | size | json_object(self, "reprojection_px", "views")
 

@@ -47,7 +47,6 @@ class Filmed:
 
     @property
     def record(self) -> CameraRecord:
-        """The camera's record."""
         assert self.recording.camera is not None
         return self.recording.camera
 

@@ -115,6 +115,7 @@ def _sampled(posterior: Posterior) -> str:
 def _content(found: GeneralFit, calibration: Calibration, masked: int) -> dict[str, Any]:
     """Return the object of the fit without posterior and bands; `calibration` knows of the reading of x."""
     from analysis.calibration.checks import fit_checks
+    from analysis.json_object import json_object
 
     return (
         found.as_json()
@@ -124,8 +125,8 @@ def _content(found: GeneralFit, calibration: Calibration, masked: int) -> dict[s
             "masked": masked,
             "checks": fit_checks(calibration),
             "notes": [warning.text for warning in found.warnings],
-            "warnings": [warning.as_json() for warning in found.warnings],
         }
+        | json_object(found, "warnings")
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Annotated
 
 import typer
@@ -42,7 +43,7 @@ def metadata(
         add_marker(run, *marker)
     marks = markers_of(run)
     if as_json:
-        emit_json({**stated.as_json(), "markers": [{"time_s": time_s, "text": text} for time_s, text in marks]})
+        emit_json({**asdict(stated), "markers": [{"time_s": time_s, "text": text} for time_s, text in marks]})
         return
     for label, text in stated.lines() or (("metadata", "none stated"),):
         show(f"{label.lower():<20} " + "".join(c if c.isprintable() else " " for c in text))

@@ -78,6 +78,7 @@ def solve(
         raise typer.BadParameter("goes with --model full and without --plot", param_hint="--mesh")
     note_unused(fidelity)
     load("analysis.shadow.model.full")
+    from analysis.json_object import json_object
     from analysis.shadow.model.full import assess
 
     with progress_bar("solving"):
@@ -91,7 +92,7 @@ def solve(
         _plot_state(solved.solution, parameters, plot)
     notes = {
         "notes": [warning.text for warning in warnings],
-        "warnings": [warning.as_json() for warning in warnings],
+        "warnings": [json_object(warning) for warning in warnings],
     }
     lines = _lines(solved, found)
     present(_json(solved, found) | notes, *lines, as_json=as_json)

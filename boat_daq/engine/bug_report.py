@@ -125,7 +125,6 @@ class Redaction:
 
 
 def _values(texts: Iterable[str], key: str) -> set[str]:
-    """Return the values of a key of TOML or JSON in any of the texts."""
     found = set()
     for text in texts:
         for value in re.findall(rf'"?{key}"?\s*[=:]\s*{_STRING}', text):

@@ -100,7 +100,6 @@ class _Log:
         _logger.setLevel(logging.INFO)
 
     def stop(self) -> None:
-        """Write what waits, and close."""
         _logger.removeHandler(self.queue)
         self.listener.stop()
         self.file.close()
@@ -111,7 +110,6 @@ _lock = threading.Lock()
 
 
 def log_folder() -> Path:
-    """Return the folder of the logs."""
     home = os.environ.get("BOAT_DAQ_HOME")
     return Path(home) / "log" if home else platformdirs.user_log_path("boat-daq", appauthor=False)
 

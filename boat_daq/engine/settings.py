@@ -235,7 +235,6 @@ def _keep_refused(path: Path) -> None:
 
 
 def settings_path(folder: Path | None = None) -> Path:
-    """Return the file of the settings."""
     return (folder or home()) / "settings.toml"
 
 
@@ -259,7 +258,6 @@ class UnitLibrary:
             return 0
 
     def names(self) -> list[str]:
-        """Return the names of the stored units, sorted."""
         folders = {self._units, self.folder}  # an older version kept simulated calibrations with the real ones
         files = (path.name.removesuffix(BACKUP) for folder in folders for path in folder.glob("[!.]*.toml*"))
         return sorted({name.removesuffix(".toml") for name in files if name.endswith(".toml")})
@@ -313,7 +311,6 @@ class UnitLibrary:
         return read_stored(path_in(self.folder, f"{name}.toml")) or ""
 
     def save(self, unit: Unit) -> None:
-        """Store a unit."""
         stored = self.load(unit.name)
         if unit.history[: len(stored.history)] != stored.history:
             remedy = "keep the entries of the stored history and add to them"

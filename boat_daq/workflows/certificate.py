@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -98,7 +98,7 @@ def analyses_for(order: CertificateOrder, progress: Progress | None = None) -> t
 
 
 def _with_values(recording: Recording, values: Mapping[str, str]) -> Recording:
-    stated = recording.metadata.changed(values).as_json()
+    stated = asdict(recording.metadata.changed(values))
     return dataclasses.replace(recording, meta={**recording.meta, **stated})
 
 

@@ -104,7 +104,6 @@ class Connection:
 
     @property
     def statistics(self) -> LinkStatistics:
-        """The counters so far."""
         return LinkStatistics(
             **self._reader.counters,
             **self._stream.counters,

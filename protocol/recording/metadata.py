@@ -85,10 +85,6 @@ class Metadata:
         """Return what the next recording of the same unit states, too: neither its note nor its ambient conditions."""
         return Metadata(**{key: getattr(self, key) for key in OF_A_UNIT}, fields=self.fields)
 
-    def as_json(self) -> dict[str, Any]:
-        """Return the metadata as a dictionary that `of` reads again."""
-        return asdict(self)
-
     def lines(self) -> tuple[tuple[str, str], ...]:
         """Return label and text of what is stated, in the order of a form."""
         stated: Iterable[tuple[str, Any, str]] = (

@@ -27,7 +27,6 @@ class Hole:
     samples: int | None  # None where it is unknown how many
 
     def __str__(self) -> str:
-        """Return a sentence."""
         after, before = f"index {self.after_index} ({_s(self.after_s)})", f"index {self.before_index}"
         if self.before_index is None:
             return f"samples after {after if self.after_index is not None else 'the start'} may be missing"
@@ -64,7 +63,6 @@ class Missing:
         return not self.rows and all(hole.before_index is None for hole in self.samples)
 
     def lines(self) -> Iterator[str]:
-        """Give a sentence for each."""
         yield from map(str, self.samples)
         for table, first, last in self.rows:
             name = "raw bytes of chunk" if table == "chunk" else f"row of {table}"

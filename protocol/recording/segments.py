@@ -36,7 +36,6 @@ class Segment:
         return self.periods / self.frequency_hz if self.kind == "sine" else 0.0
 
     def duration_s(self, start: float) -> float:
-        """Return how long it lasts from `start`."""
         return self.moving_s(start) + self.hold_s
 
     def at(self, elapsed_s: float, start: float) -> tuple[float, float, float]:

@@ -80,7 +80,6 @@ class VirtualBoard:
 
     @property
     def pressure_kpa(self) -> float:
-        """The true gauge pressure."""
         return self._pneumatics.pressure_kpa
 
     @property

@@ -22,8 +22,6 @@ _MOVING = (BoardState.RAMPING, BoardState.HOLDING)
 
 
 class BoardControl:
-    """State machine over `Pneumatics`; `tick` before each of its steps, `execute` for each command."""
-
     def __init__(self, pneumatics: Pneumatics, rate_max_hz: int) -> None:
         self.pneumatics = pneumatics
         self.state = BoardState.IDLE
@@ -77,7 +75,6 @@ class BoardControl:
             self._latch()
 
     def tick(self, now_us: int) -> None:
-        """Test every condition once."""
         if self.state is BoardState.FAULT:
             return
         if self.watchdog_us is not None and now_us >= self.watchdog_us:

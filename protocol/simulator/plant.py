@@ -59,7 +59,6 @@ class Pneumatics:
         self._beyond_kpa = math.copysign(self.overshoot_kpa, target_kpa - self.pressure_kpa)
 
     def vent(self) -> None:
-        """Open the valve and stop the pumps."""
         self.regulated, self.venting = False, True
         self._rate = 0.0
 
@@ -149,6 +148,5 @@ class Sensors:
 
 
 def cubic(coefficients: tuple[float, float, float, float], elongation_mm: FloatArray) -> FloatArray:
-    """Return b0 + b1 x + b2 x^2 + b3 x^3."""
     b0, b1, b2, b3 = coefficients
     return b0 + elongation_mm * (b1 + elongation_mm * (b2 + elongation_mm * b3))

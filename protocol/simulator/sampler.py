@@ -170,7 +170,6 @@ class Sampler:
         self._rate_hz, self._next, self._anchor = rate_hz, 0, (0, now_us)
 
     def stop(self) -> None:
-        """Make no more samples."""
         self._rate_hz = 0
 
     def change_rate(self, now_us: int, rate_hz: int) -> None:

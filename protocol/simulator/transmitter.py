@@ -35,7 +35,6 @@ class Transmitter:
         self.reset()
 
     def reset(self) -> None:
-        """Reset as after a reboot."""
         self.off = False
         self._seq = 0
         self._dropped = 0

@@ -73,7 +73,6 @@ class TextConnection:
 
     @property
     def statistics(self) -> LinkStatistics:
-        """The counters so far."""
         return LinkStatistics(**self._reader.counters, **self._stream.counters)
 
     @property

@@ -90,7 +90,6 @@ class PacketReader(ByteReader):
         return {"rest": self._rest.hex(), "in_step": self._in_step, "searching": self._searching}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Continue from the `state` of another reader."""
         self._rest = bytes.fromhex(state["rest"])
         self._in_step, self._searching = bool(state["in_step"]), bool(state["searching"])
 

@@ -114,7 +114,6 @@ class Proposal:
 
     @property
     def summary(self) -> str:
-        """Return the syntax in a line."""
         if self.rx8:
             return f"{self.fitting} packets in {self.seen} bytes"
         style = self.lines.get("style", "columns")
@@ -150,7 +149,6 @@ class _Syntax:
 
     @property
     def numbers(self) -> int:
-        """Return how many texts are numbers."""
         return sum(_is_number(text, self.decimal) for row in self.rows for _, text in row)
 
 
@@ -283,13 +281,10 @@ def _is_number(text: str, decimal: str) -> bool:
 def _without_damage(rows: list[list[tuple[str, str]]], decimal: str) -> list[list[tuple[str, str]]]:
     """Return the rows without damaged ones: text in a column of numbers, or a hexadecimal among decimals."""
 
-    def is_number(text: str) -> bool:
-        return _is_number(text, decimal) or _HEX.fullmatch(text) is not None
-
     kept = list(range(len(rows)))
     for column in zip(*([text for _, text in row] for row in rows), strict=True):
         decimals = [_is_number(text, decimal) for text in column]
-        numbers = [is_number(text) for text in column]
+        numbers = [(_is_number(text, decimal) or _HEX.fullmatch(text) is not None) for text in column]
         if sum(decimals) >= NEARLY_ALL * len(rows) and not _padded(column):
             kept = [at for at in kept if decimals[at]]
         elif sum(numbers) >= ENOUGH * len(rows):

@@ -61,7 +61,6 @@ class LineReader(ByteReader):
         self._split = {"labels": self._by_label, "json": self._of_json, "width": self._by_width}.get(format_.style)
 
     def receive(self, data: bytes) -> list[list[float]]:
-        """Return the values of the good lines that `data` completes."""
         self.bytes += len(data)
         lines = (self._rest + data).split(self._format.line_end)
         self._rest = lines.pop()

@@ -25,7 +25,6 @@ class ArcSpline:
 
     @property
     def length(self) -> float:
-        """Return the arc length of the whole curve, mm."""
         return float(self.nodes[-1, 4])
 
     def frame(self, s: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -48,7 +47,6 @@ class ArcSpline:
         return point + u * np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
 
     def reversed(self) -> ArcSpline:
-        """Return the same curve in the opposite direction."""
         nodes = self.nodes[::-1].copy()
         nodes[:, 2:4] *= -1
         nodes[:, 4] = self.length - nodes[:, 4]

@@ -110,7 +110,6 @@ def _contour(chain: list[tuple[int, int]], ends: FloatArray, middles: FloatArray
 
 
 def _middle(row: FloatArray) -> FloatArray:
-    """Return the middle of an arc surface; NaN for a line."""
     bend = row[4] * row[7]
     chord = row[12:14] - row[8:10]
     half = float(np.hypot(*chord)) / 2

@@ -58,7 +58,6 @@ class OpticalScene:
 
     @property
     def guide(self) -> Waveguide:
-        """Return the guide."""
         return Waveguide(
             thickness_mm=self.thickness_mm,
             index=self.index,
@@ -74,7 +73,6 @@ class OpticalScene:
         return light if least is None else replace(light, faintest=least)
 
     def stated(self, *names: str) -> list[str]:
-        """Return those of the names whose values are not the defaults."""
         return [name for name in names if getattr(self, name) != getattr(OpticalScene(), name)]
 
 

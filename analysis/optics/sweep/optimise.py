@@ -242,7 +242,6 @@ class _Search:
         return self.merit_with(self.light)
 
     def merit_with(self, light: Light) -> DesignMerit:
-        """Return P with another light."""
         return DesignMerit(self.frames, self.guide, light, self.by)
 
     def scored(self, merit_of: DesignMerit, designs: Sequence[Design]) -> list[Scored]:

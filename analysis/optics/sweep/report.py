@@ -69,7 +69,6 @@ def _row(race: Race, i: int) -> dict[str, Any]:
 
 
 def race_text(race: Race, by: By) -> str:
-    """Return the same as a few lines of text."""
     found, many = race.candidates, len(race.designs)
     if len(found) == 1:
         head = f"the best of {many} designs, at {100 * race.confidence:g} % confidence:"
@@ -345,7 +344,6 @@ def _line(label: str, design: Design, merit: Merit, i: int) -> str:
 
 
 def sweep_text(result: SweepResult, fans: FanResult | None = None, seconds: float | None = None) -> str:
-    """Return the same as a few lines of text."""
     found = fans or compare_fans(result, 1)
     merit, spread = result.merit(), result.uncertainty()
     best, paper = int(np.argmax(merit.p)), result.find()
@@ -468,7 +466,6 @@ def optimum_json(found: Optimum) -> dict[str, Any]:
 
 
 def optimum_text(found: Optimum) -> str:
-    """Return the same as a few lines of text."""
     lines = [
         f"{label}: {d.cavities} cavities in the {d.face} face, width {d.width_mm:.3f}, depth {d.depth_mm:.3f}, "
         f"spacing {d.spacing_mm:.3f} mm: P {w.p:.3f} by {found.by}, {w.p_range[0]:.3f} to {w.p_range[1]:.3f} with "

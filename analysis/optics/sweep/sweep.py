@@ -97,12 +97,10 @@ class SweepResult:
 
     @property
     def designs(self) -> tuple[Design, ...]:
-        """Return the designs, in the order of the arrays."""
         return self.request.designs
 
     @property
     def hits(self) -> int:
-        """Return the number of surfaces met in the whole sweep."""
         return int(self.counts[..., HITS].sum())
 
     @property
@@ -124,7 +122,6 @@ class SweepResult:
         return np.asarray(self.energy[..., E_CUT])
 
     def merit(self) -> Merit:
-        """Return figures of merit of all designs."""
         return merit(self.response[0], self.floor)
 
     def merit_of_power(self) -> Merit:

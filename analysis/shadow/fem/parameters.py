@@ -77,12 +77,10 @@ class ActuatorParameters:
 
     @property
     def lattice(self) -> NeoHookean:
-        """Return the homogenised lattice."""
         return NeoHookean(self.lattice_modulus_kpa, self.lattice_poisson)
 
     @property
     def wall(self) -> NeoHookean:
-        """Return the elastomer of the bladders."""
         return NeoHookean(self.wall_modulus_kpa, self.wall_poisson)
 
     @property

@@ -76,7 +76,6 @@ class Control:
 
     @property
     def plate(self) -> bool:
-        """Return whether the plate's displacement is prescribed."""
         return self.elongation_mm is not None
 
     @property

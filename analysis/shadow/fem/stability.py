@@ -42,7 +42,6 @@ class CriticalState:
 
     @property
     def mode(self) -> str:
-        """Return the mode in words."""
         names = {-1: "none found", 0: "axisymmetric (limit point)", 1: "sideways", 2: "the bladders become oval"}
         return names.get(self.wave_number, f"{self.wave_number} waves around the bladders")
 

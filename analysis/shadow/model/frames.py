@@ -88,7 +88,6 @@ class Shadow:
 
     @cached_property
     def topology(self) -> ShadowTopology:
-        """Return the constant part of all frames."""
         mesh = self.model.mesh
         outer = np.isclose(mesh.nodes[:, 0], self.parameters.envelope_radius_mm)
         envelope = np.flatnonzero(outer)[np.argsort(mesh.nodes[outer, 1])]

@@ -142,7 +142,6 @@ class FullModel:
 
     @property
     def warnings(self) -> tuple[Warning, ...]:
-        """Return the warnings about the mesh."""
         elements = self.parameters.elements
         if not self.parametric or all(has >= least for has, least in zip(elements, FINE_ENOUGH, strict=True)):
             return ()
@@ -153,7 +152,6 @@ class FullModel:
 
     @cached_property
     def guides(self) -> Guides:
-        """Return the waveguides, embedded in the mesh."""
         return make_guides(self.parameters, self.mesh)
 
     @cached_property
@@ -165,7 +163,6 @@ class FullModel:
 
     @cached_property
     def vacuum_limit(self) -> CriticalState:
-        """Return the last stable state under vacuum."""
         check_condition(self.problem)
         return find_limit(Solver(self.problem), self.stability, self.length_mm, -1)
 

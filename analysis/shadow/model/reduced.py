@@ -64,7 +64,6 @@ class ReducedModel:
 
     @property
     def rectangle(self) -> str:
-        """Return the rectangle as text."""
         (p0, p1), (q0, q1) = self.pressure_range_kpa, self.elongation_range_mm
         return f"{p0:.1f} .. {p1:.1f} kPa, {q0:.2f} .. {q1:.2f} mm"
 

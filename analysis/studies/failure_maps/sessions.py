@@ -48,7 +48,6 @@ class ReadSession:
         return cubic(x) + self.wave_mv * chebyshev.chebval(_scaled(x), [0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
     def calibration(self) -> Calibration:
-        """Return the joint fit of a cubic."""
         rng = np.random.default_rng(self.seed)
         down, up = np.arange(self.levels - 2, -1, -1), np.arange(1, self.levels)
         level = np.concatenate([[self.levels - 1], *[down, up] * self.cycles])

@@ -53,16 +53,13 @@ class Axis:
 
     @property
     def ticks(self) -> tuple[str, ...]:
-        """Return one label a value."""
         return self.labels or tuple(f"{value:g}" for value in self.values)
 
     @property
     def title(self) -> str:
-        """Return name and unit."""
         return f"{self.name}, {self.unit}" if self.unit else self.name
 
     def as_json(self) -> dict[str, Any]:
-        """Return the axis as plain values."""
         return json_object(self, "name", "unit", "values", "labels=ticks")
 
 
@@ -129,12 +126,10 @@ class StudyMap:
         return (cell for row in self.cells for cell in row)
 
     def found(self, outcome: CellOutcome) -> tuple[Cell, ...]:
-        """Return the cells of one outcome."""
         return tuple(cell for cell in self if cell.outcome is outcome)
 
     @property
     def counts(self) -> dict[CellOutcome, int]:
-        """Return the number of cells of each outcome."""
         return {outcome: len(self.found(outcome)) for outcome in CellOutcome}
 
     @property
@@ -144,7 +139,6 @@ class StudyMap:
         return f"{self.study.title}: {', '.join(parts)} of {self.study.size} points"
 
     def as_json(self) -> dict[str, Any]:
-        """Return the map as plain values."""
         study = self.study
         described = {name: getattr(study, name) for name in ("name", "method", "title", "truth", "unit", "tolerance")}
         cells = [[cell.as_json() for cell in row] for row in self.cells]

@@ -50,7 +50,6 @@ class PaperPart:
 
 
 def calibration_part(found: Analysis) -> PaperPart:
-    """Return the part of a calibration run."""
     draw = partial(drawings.draw_calibration, found)
     return PaperPart(
         numbers.calibration_rows(found),
@@ -62,7 +61,6 @@ def calibration_part(found: Analysis) -> PaperPart:
 
 
 def repeatability_part(found: Analysis) -> PaperPart:
-    """Return the part of a run of 100 continuous cycles."""
     loops = "mean loops of the 100 cycles"
     return PaperPart(
         numbers.hysteresis_rows(found),

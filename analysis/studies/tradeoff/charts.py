@@ -96,7 +96,6 @@ def overview_chart(results: Sequence[Measured], where: str) -> Figure:
 
 
 def _default_s(measured: Measured) -> float:
-    """Return the processor time of a call with the default."""
     return next((p.cpu_seconds for p in measured.points if p.setting == measured.method.default), math.inf)
 
 

@@ -64,7 +64,6 @@ def inverse_settings(quick: bool) -> list[Setting]:
 
 
 def _signals(fit: Calibration, x: FloatArray) -> FloatArray:
-    """Evaluate the curve in extended precision."""
     return np.polyval(fit.coefficients[::-1].astype(np.longdouble), x.astype(np.longdouble)).astype(np.float64)
 
 

@@ -5,7 +5,7 @@ The pictures are those of the virtual camera with its default noise, drawn by th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache, partial
 from itertools import count
 
@@ -63,13 +63,9 @@ def _setting(name: str, begin: Begin, render: Render, width: int) -> Setting:
     return Setting(name, call, error, work=len(TRAVEL_MM))
 
 
-def _times() -> Iterator[float]:
-    return (number / _RATE_HZ for number in count())
-
-
 def _edges(first: Sequence[Picture]) -> Read:
     """Return the tracker that the program uses, its plane learned."""
-    tracker, times = MarkTracker(Optics(MARK_MM)), _times()
+    tracker, times = MarkTracker(Optics(MARK_MM)), (number / _RATE_HZ for number in count())
     for picture in first:
         tracker.read(picture, next(times))
     return lambda picture: tracker.read(picture, next(times)).elongation_mm

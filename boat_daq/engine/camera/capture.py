@@ -70,7 +70,6 @@ class Camera:
         self._thread = threading.Thread(target=self._run, name=f"tracking {source.name}", daemon=True)
 
     def start(self) -> None:
-        """Begin to capture."""
         self._grabber.start()
         self._thread.start()
 

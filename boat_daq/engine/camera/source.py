@@ -43,7 +43,6 @@ class VideoStore:
         self._writer: Any = None
 
     def write(self, picture: Picture) -> None:
-        """Add a picture [height, width] or [height, width, 3]."""
         colour = picture if picture.ndim == 3 else self._cv.cvtColor(picture, self._cv.COLOR_GRAY2BGR)
         if self._writer is None:
             fourcc = self._cv.VideoWriter_fourcc(*CODECS[self._path.suffix.lower()])
@@ -54,7 +53,6 @@ class VideoStore:
         self._writer.write(colour)
 
     def close(self) -> None:
-        """Close the file."""
         if self._writer is not None:
             self._writer.release()
 
@@ -246,7 +244,6 @@ class _Capture:
             self._capture.release()
 
     def close(self) -> None:
-        """Have the frames end."""
         self._closed = True
 
 
@@ -280,7 +277,6 @@ class MjpegAddress:
             raise DeviceError(cause, "give the address of the stream itself, not of its page")
 
     def frames(self) -> Iterator[CameraFrame]:
-        """Give the pictures as they arrive."""
         try:
             while not self._closed:
                 jpeg = self._next_part()
@@ -301,13 +297,11 @@ class MjpegAddress:
         return picture
 
     def close(self) -> None:
-        """Have the frames end."""
         self._closed = True
         if self._connection.sock is not None:
             self._connection.sock.close()
 
     def _next_part(self) -> bytes:
-        """Return the bytes of the next picture."""
         length = -1
         for _ in range(_HEADER_LINES):
             line = self._answer.readline(1000)

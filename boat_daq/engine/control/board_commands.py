@@ -272,5 +272,4 @@ class BoardCommands:
 
 
 def _name(command: Command) -> str:
-    """Return a command's name in the protocol."""
     return messages.COMMAND_TYPES[type(command)].name

@@ -213,7 +213,6 @@ class Controller:
         self._once_guarded(lambda: self._begin_run(self.sequencer.resume))
 
     def pause(self) -> None:
-        """Vent and wait."""
         self.sequencer.pause()
         self._act()
 
@@ -252,7 +251,6 @@ class Controller:
         self._act()
 
     def disarm(self) -> None:
-        """Discard an armed plan."""
         if self.sequencer.state is SessionState.ARMED:
             self.board.forget_pending()
             self.sequencer.disarm()

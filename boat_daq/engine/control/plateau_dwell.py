@@ -104,7 +104,6 @@ class StepWatch:
 
     @property
     def phase(self) -> Phase:
-        """The present phase of the step."""
         if self.arrived_us is None:
             return Phase.RAMPING
         if self._steady_since_us is not None and self.outcome is None:
@@ -118,7 +117,6 @@ class StepWatch:
         return ((self.ended_us or now_us) - self._steady_since_us) / 1e6
 
     def feed(self, block: Columns) -> None:
-        """Take the next samples."""
         known = block.pressure_known
         if not known.all():
             block = block.part(known)

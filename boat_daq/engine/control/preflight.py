@@ -30,7 +30,6 @@ class Check:
 
     @property
     def ok(self) -> bool:
-        """Whether the check is passed."""
         return not self.problem
 
 

@@ -51,7 +51,6 @@ class SegmentWatch:
 
     @property
     def phase(self) -> Phase:
-        """The present phase of the segment."""
         if self._waits_since_us is not None and self.outcome is None:
             return Phase.WAITING_FOR_READING
         return Phase.RAMPING if self.arrived_us is None else Phase.DWELLING
@@ -61,7 +60,6 @@ class SegmentWatch:
         return 0.0 if self._waits_since_us is None else ((self.ended_us or now_us) - self._waits_since_us) / 1e6
 
     def feed(self, block: Columns) -> None:
-        """Take the next samples."""
         block = block.part(block.pressure_known)
         if not len(block) or self.outcome is not None:
             return

@@ -157,7 +157,6 @@ class Sequencer:
         self._open()
 
     def pause(self) -> None:
-        """Vent and wait."""
         self._require("pause", SessionState.RUNNING)
         self._break_step()
         self.state = SessionState.PAUSED
@@ -262,7 +261,6 @@ class Sequencer:
             self._watch.commanded(self._time_us, self._from_kpa)
 
     def feed(self, block: Columns) -> None:
-        """Take the next samples."""
         if not len(block):
             return
         self._time_us = int(block.time_us[-1])
@@ -458,17 +456,15 @@ class Sequencer:
             complete_cycles=self.complete_cycles,
             incomplete_cycles=self.incomplete_cycles,
             branch=mark.branch,
-            phase=self._watch.phase if self._watch else self._waiting_phase,
+            phase=self._watch.phase
+            if self._watch
+            else (Phase.VENTING if self._assessed_since_us is None else Phase.ASSESSING),
             target_kpa=mark.target_kpa,
             step_time_s=(self._time_us - mark.started_us) / 1e6,
             elapsed_s=(self._time_us - self._started_us) / 1e6,
             time_left_s=left_s,
             target_mm=self._step.target_kpa if self._step and self.plan.controls_elongation else None,
         )
-
-    @property
-    def _waiting_phase(self) -> Phase:
-        return Phase.VENTING if self._assessed_since_us is None else Phase.ASSESSING
 
     def _cycles_left(self) -> int:
         """Return how many cycles have yet to begin."""

@@ -37,7 +37,6 @@ class ClockFit:
         self._newest_us = -(1 << 62)
 
     def add(self, time_us: int, host_ns: int) -> None:
-        """Take a pair."""
         if self._origin is None:
             self._origin = (time_us, host_ns)
         x = (time_us - self._origin[0]) * 1e-6

@@ -105,7 +105,6 @@ class SerialTransport:
         return _or_gone(self.description, lambda: bool(self._port.in_waiting))
 
     def write(self, data: bytes) -> None:
-        """Send all of `data`."""
         _or_gone(self.description, lambda: _write_all(self._port, data))
 
     def _receive(self) -> bytes:
@@ -181,11 +180,9 @@ class SocketTransport:
         return _or_gone(self.description, lambda: bool(select.select([self._socket], [], [], 0)[0]))
 
     def write(self, data: bytes) -> None:
-        """Send all of `data`."""
         _or_gone(self.description, lambda: self._socket.sendall(data))
 
     def close(self) -> None:
-        """Close."""
         self._socket.close()
 
     def _receive(self) -> bytes:
@@ -206,8 +203,8 @@ def _or_gone(port: str, action: Callable[[], _T]) -> _T:
     except TimeoutError as error:
         raise DeviceError(f"{port} accepts no data", "Check that the board's program runs.") from error
     except _PORT_ERRORS as error:
-        cause = f"{port} was disconnected{_gone_because(error)}"
-        raise DeviceError(cause, "Check the cable and reconnect it.") from error
+        why = f" ({error.strerror})" if isinstance(error, OSError) and error.strerror else ""  # none of pyserial's own
+        raise DeviceError(f"{port} was disconnected{why}", "Check the cable and reconnect it.") from error
 
 
 def open_error(port: str, error: Exception) -> DeviceError:
@@ -234,11 +231,6 @@ def open_error(port: str, error: Exception) -> DeviceError:
         return DeviceError(f"{port} is not a serial port", "Choose a port of the list.", command="boat-daq ports")
     reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
     return DeviceError(f"{port} cannot be opened: {reason}", "Choose a port of the list.", command="boat-daq ports")
-
-
-def _gone_because(error: Exception) -> str:
-    """Return the system's reason for a port that is gone. Nothing for pyserial's own errors, which add none."""
-    return f" ({error.strerror})" if isinstance(error, OSError) and error.strerror else ""
 
 
 def _socket_address(url: str) -> tuple[str, int]:

@@ -100,7 +100,6 @@ class PortReader:
             self._write(self.link.feed(command, now_ns), now_ns)
 
     def start(self) -> None:
-        """Begin to read."""
         self._last_byte_ns = self.heard_ns = self._clock_ns()
         self._thread.start()
 

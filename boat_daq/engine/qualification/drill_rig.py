@@ -64,7 +64,6 @@ class DrillResult:
 
     @property
     def passed(self) -> bool:
-        """Whether every criterion holds; none stated is none kept."""
         return bool(self.criteria) and all(criterion.kept for criterion in self.criteria)
 
 
@@ -196,7 +195,6 @@ def compare(rig: DrillRig) -> TruthComparison:
 
 
 def _lines(truth: Path) -> list[str]:
-    """Return the rows of a truth file."""
     return [line for line in truth.read_text(encoding="utf-8").splitlines() if line[:1].isdigit()]
 
 

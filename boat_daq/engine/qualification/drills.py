@@ -294,7 +294,6 @@ def secop(rig: DrillRig) -> DrillResult:
 
 
 def _answers(port: int, *requests: str) -> list[str]:
-    """Return the answers to requests of one client, in order."""
     with socket.create_connection(("127.0.0.1", port), timeout=WAIT_S) as client, client.makefile("rw") as lines:
         found = []
         for request in requests:

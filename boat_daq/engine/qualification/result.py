@@ -112,11 +112,13 @@ def qualification(results: Sequence[DrillResult], begun: datetime, *, whole: boo
 
 def _drill(result: DrillResult) -> dict[str, Any]:
     boards = [
-        {"port": _port_kind(b.port), "speed": b.speed, "unit": b.unit, "seed": b.seed, "faults": list(b.faults)}
+        {
+            "port": "pseudo-terminal" if b.port == "pty" else f"TCP on {b.port.partition(':')[0]}",
+            "speed": b.speed,
+            "unit": b.unit,
+            "seed": b.seed,
+            "faults": list(b.faults),
+        }
         for b in result.boards
     ]
     return {**asdict(result), "passed": result.passed, "boards": boards}
-
-
-def _port_kind(port: str) -> str:
-    return "pseudo-terminal" if port == "pty" else f"TCP on {port.partition(':')[0]}"

@@ -35,7 +35,6 @@ def read_readings(db: sqlite3.Connection) -> tuple[Reading, ...]:
 
 
 def append_reading(path: Path, reading: Reading) -> None:
-    """Add a reading to a closed recording."""
     statement = reading_row(reading)
     with closing(open_recording(path)) as db:
         known = db.execute("SELECT count(*) FROM step WHERE id = ?", (reading.step_id,)).fetchone()[0]
@@ -70,7 +69,6 @@ class ClosedRun:
             self._steps, self._readings = read_steps(db), read_readings(db)
 
     def steps(self) -> tuple[StepMark, ...]:
-        """Return the plateaus of the run."""
         return self._steps
 
     def readings(self) -> tuple[Reading, ...]:

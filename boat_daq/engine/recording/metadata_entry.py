@@ -48,7 +48,7 @@ def state_metadata(path: Path, metadata: Metadata) -> None:
 
 def statements(before: Metadata, after: Metadata) -> dict[str, str]:
     """Return the events that state what has changed, text by kind; the note is an event of its own."""
-    table = {key: value for key, value in after.as_json().items() if key != "note"}
+    table = {key: value for key, value in dataclasses.asdict(after).items() if key != "note"}
     texts = {METADATA_EVENT: json.dumps(table, ensure_ascii=False)}
     return (texts if dataclasses.replace(after, note=before.note) != before else {}) | (
         {NOTE_EVENT: after.note} if after.note != before.note else {}
@@ -68,7 +68,7 @@ def remember(units: UnitLibrary, unit: str, metadata: Metadata) -> None:
 
 
 def _stated(metadata: Metadata) -> dict[str, Any]:
-    return {key: value for key, value in metadata.as_json().items() if value not in ("", None, {})}
+    return {key: value for key, value in dataclasses.asdict(metadata).items() if value not in ("", None, {})}
 
 
 def _checked(table: Mapping[str, Any], where: str) -> Metadata:

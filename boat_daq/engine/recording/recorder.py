@@ -184,7 +184,6 @@ class Recorder:
         self._later(lambda rows, _: camera_row(reading, rows.here[0]))
 
     def update_meta(self, **values: Any) -> None:
-        """Set keys of `session`."""
         statements = set_meta(values)
         self._later(lambda *_: iter(statements))
 

@@ -224,7 +224,9 @@ def _verify_results(
         return
     done: dict[tuple[str, str], dict[str, Any] | None] = {}  # one computation for equal parameters
     video_utc = (read_session(db).get("video") or {}).get("utc")
-    for number in db.execute(_STANDING_RESULTS, (_last_before_a_break(db), video_utc)).fetchall():
+    for number in db.execute(
+        _STANDING_RESULTS, (max((entry["last_result"] for entry in breaks_of(read_session(db))), default=0), video_utc)
+    ).fetchall():
         stored = _stored_result(db, *number)
         asked = stored.kind, json.dumps({**stored.parameters, "code": code}, sort_keys=True)
         if asked not in done:
@@ -239,11 +241,6 @@ def _verify_results(
             which = f"result {stored.id} ({stored.kind})"
             raise _Difference(f"{which}: {_by_whom(stored, code)}; the first is {key or 'the whole'}")
         tally["results"] += 1
-
-
-def _last_before_a_break(db: sqlite3.Connection) -> int:
-    """Return the id of the newest result of less than the whole run; 0 where the run was never resumed."""
-    return max((entry["last_result"] for entry in breaks_of(read_session(db))), default=0)
 
 
 def _stored_result(db: sqlite3.Connection, number: int) -> StoredResult:

@@ -50,7 +50,7 @@ class ActiveRecording:
         polarity = self._unit.library.load(self._unit.name).polarity if self._unit.name else -1
         with self._control.acting() as control:
             simulated = self._link.simulated(control.hello)
-        stated = {"metadata": remembered(self._unit.library.of(simulated=simulated), self._unit.name).as_json()}
+        stated = dataclasses.asdict(remembered(self._unit.library.of(simulated=simulated), self._unit.name))
         with self._control.acting() as control:
             reader = self._link.reader
             if reader is None or not (control.up or control.hold_samples):
@@ -59,7 +59,7 @@ class ActiveRecording:
                 raise RequestError(f"{self._journal.recorder.path} is being recorded", "stop that recording first")
             if control.sequencer.state in (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING):
                 raise RequestError("a recording begins before its run", "stop the run first")
-            meta = {"polarity": polarity, **stated, **self._describe(control), **(metadata or {})}
+            meta = {"polarity": polarity, "metadata": stated, **self._describe(control), **(metadata or {})}
         if broken is not None:
             broken.check_same(meta, can_command=control.board.can_command)
         recorder = Recorder(path, meta, health=self._link.health_now, on_error=self._storage_failed, resumes=broken)

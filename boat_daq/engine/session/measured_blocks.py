@@ -69,11 +69,9 @@ class MeasuredBlock:
         return cls(samples["index"], time_s, samples["host_ns"], *given, values, skipped)
 
     def __len__(self) -> int:
-        """Return the number of samples."""
         return len(self.time_s)
 
     def first(self, n: int) -> MeasuredBlock:
-        """Return the first n samples."""
         arrays = {name: getattr(self, name)[:n] for name in _ARRAYS}
         others = {name: values[:n] for name, values in self.others.items()}
         return MeasuredBlock(**arrays, others=others, skipped=self.skipped)

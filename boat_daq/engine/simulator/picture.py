@@ -53,7 +53,6 @@ class CameraScene:
 
     @property
     def matrix(self) -> FloatArray:
-        """The pinhole camera's matrix [3, 3]."""
         focus = _FOCUS * self.width
         return np.array([[focus, 0, (self.width - 1) / 2], [0, focus, (self.height - 1) / 2], [0, 0, 1.0]])
 

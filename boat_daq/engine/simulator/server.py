@@ -116,7 +116,6 @@ class PtyCarrier:
         self._poll.poll(timeout_s * 1000)
 
     def read(self) -> bytes:
-        """Return what the host has sent."""
         # EIO: no host has it open. What was written before closing, a VENT perhaps, is still read first.
         with contextlib.suppress(OSError):
             return os.read(self._master, _READ_BYTES)
@@ -500,7 +499,6 @@ class BoardInThread:
         self._server.close()
 
     def close(self) -> None:
-        """End the board."""
         self._stop.set()
         self._thread.join()
         self._folder.cleanup()

@@ -123,7 +123,6 @@ class VideoFile:
             self._store.write(self._last)
 
     def close(self) -> None:
-        """Close the file."""
         self._store.close()
 
 
@@ -152,7 +151,6 @@ class MjpegStream:
         return self._viewers > 0
 
     def frame(self, picture: Picture | None, time_s: float) -> None:
-        """Give a frame to the viewers."""
         if picture is None:
             return
         cv = optional("cv2")
@@ -162,7 +160,6 @@ class MjpegStream:
             self._changed.notify_all()
 
     def close(self) -> None:
-        """End the stream."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
@@ -182,7 +179,6 @@ class MjpegStream:
             return self._newest[0]
 
     def end(self) -> None:
-        """Count a viewer no longer."""
         with self._changed:
             self._viewers -= 1
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 
 from analysis.certificates.laboratory import Laboratory
@@ -48,7 +49,7 @@ class CertificateModel:
 
     def missing(self) -> tuple[tuple[str, str], ...]:
         """Return key and label of what the recording does not state; a note is never missing."""
-        stated = self.metadata.stated().as_json()
+        stated = asdict(self.metadata.stated())
         return tuple((key, label) for key, label in FIELDS if key != "note" and stated[key] in ("", None))
 
     def missing_laboratory(self) -> tuple[tuple[str, str], ...]:

@@ -7,6 +7,7 @@ undo adds a newer one.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
@@ -82,7 +83,7 @@ class MetadataModel:
         return self._read()
 
     def texts(self, stated: Metadata) -> dict[str, str]:
-        values = stated.as_json()
+        values = asdict(stated)
         return {key: "" if values[key] is None else _text(values[key]) for key in self.keys}
 
     def state(self, typed: Mapping[str, str], lines: str | None = None) -> Metadata:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 import pytest
 
 from protocol.base.errors import ChoiceError, RequestError
@@ -13,7 +15,7 @@ def test_typed_values_become_metadata_and_other_keys_are_free_fields() -> None:
         {"ambient_temperature_c": "21,5", "customer": " B ", "rig": "", "batch": "7", "": "x"}
     )
     assert stated == Metadata(customer="B", ambient_temperature_c=21.5, fields={"batch": "7"})
-    assert Metadata.of(stated.as_json()) == stated
+    assert Metadata.of(asdict(stated)) == stated
     assert stated.lines()[1] == ("Ambient temperature", "21.5 °C")
 
 

@@ -182,17 +182,20 @@ class WindowKeys(QObject):
         return False
 
     def _clear_header(self, dialog: QWindow) -> None:
-        """Move a dialog that covers the header below it, and make one that is too high for this lower."""
+        """Move a dialog that covers the header below it, and make one that is too large for this smaller."""
         main, frame = self.window.windowHandle(), dialog.frameGeometry()
         head = QRect(self.header.mapToGlobal(QPoint(0, 0)), self.header.size())
         movable = dialog.type() in (Qt.WindowType.Dialog, Qt.WindowType.Window) and dialog is not main
         if not (movable and dialog.isVisible() and frame.intersects(head)):
             return
-        lowest = max(self.window.frameGeometry().bottom(), dialog.screen().availableGeometry().bottom())
-        too_high = frame.height() - (lowest - head.bottom())
-        if too_high > 0:
-            dialog.resize(dialog.width(), max(dialog.minimumHeight(), dialog.height() - too_high))
-        dialog.setFramePosition(QPoint(frame.x(), head.bottom() + 1))
+        screen = dialog.screen().availableGeometry()
+        lowest = max(self.window.frameGeometry().bottom(), screen.bottom())
+        too_wide, too_high = frame.width() - screen.width(), frame.height() - (lowest - head.bottom())
+        if too_wide > 0 or too_high > 0:
+            width, height = dialog.width() - max(0, too_wide), dialog.height() - max(0, too_high)
+            dialog.resize(max(dialog.minimumWidth(), width), max(dialog.minimumHeight(), height))
+        rightmost = screen.right() - frame.width() + max(0, too_wide) + 1
+        dialog.setFramePosition(QPoint(max(screen.left(), min(frame.x(), rightmost)), head.bottom() + 1))
 
     def _moved(self) -> None:
         self._moving = False

@@ -8,6 +8,7 @@ settings are stored; the file is kept.
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -39,6 +40,7 @@ from boat_daq.formatting import count
 from boat_daq.viewmodels.common.services import Change, UndoHistory
 from boat_daq.viewmodels.results.metadata import MetadataModel
 from protocol.base.errors import RequestError
+from protocol.base.units import MINUS
 from protocol.base.whole_file import write_whole
 
 PROGRAM = ""  # in place of the name of a unit
@@ -151,7 +153,7 @@ def refusal(about: Described, text: str) -> str:
     try:
         about.check(about.value_of(text, ""), "")
     except RequestError as error:
-        return f"It {getattr(error, 'why', error.cause)}."
+        return _typographic(f"It {getattr(error, 'why', error.cause)}.")
     return ""
 
 
@@ -160,7 +162,12 @@ def note(about: Described) -> str:
     shown = "" if about.choices or isinstance(about.default, bool) else about.range_text
     effect = f"applies {about.applies}" if about.applies is not Applies.NOW else ""
     parts = "; ".join(filter(None, (shown, f"default {text}" if text else "", effect)))
-    return f"{parts[:1].upper()}{parts[1:]}." if parts else ""
+    return _typographic(f"{parts[:1].upper()}{parts[1:]}.") if parts else ""
+
+
+def _typographic(text: str) -> str:
+    """Return a text whose negative numbers have a minus sign."""
+    return re.sub(r"(?<![\w.])-(?=\d)", MINUS, text)
 
 
 def _where(subject: str) -> str:

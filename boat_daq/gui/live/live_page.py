@@ -205,6 +205,8 @@ class LivePage(QWidget):
         self.first_steps, self.overlay = FirstSteps(run, services), OverlayPlots(overlay)
         for leaf in (self.first_steps, self.plots, self.overlay):
             self.middle.addWidget(leaf)
+        back = controls.button("Back to the plots", self.toggle_overlay, tip="Show all values over time again")
+        self.overlay.bar.insertWidget(self.overlay.bar.count() - 1, back)
         self.overlaid = self.narrow = self.low = False
         self.sensors = _BESIDE
         self.photograph = PhotographPanel(self, run, services)
@@ -415,7 +417,7 @@ class LivePage(QWidget):
         if age:  # nothing tells whether the unit is still under pressure
             figures["kpa"].set(NOTHING, f"was {head.pressure}" if head.pressure != NOTHING else "", age)
         else:
-            figures["kpa"].set(head.pressure, f"\u2192 {head.target}" if self.narrow else "")
+            figures["kpa"].set(head.pressure, f"\u2192 {head.target}" if self.narrow and head.target != NOTHING else "")
         figures["target"].set(NOTHING if age else head.target, age=age)
 
     def _show_marks(self, snapshot: SessionSnapshot) -> None:

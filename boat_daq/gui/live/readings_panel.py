@@ -28,6 +28,7 @@ EDITABLE, REMARK = 3, 4  # columns
 BY_HAND, BY_PHOTOGRAPH, BY_CAMERA = "typed", "photograph", "camera"
 WAYS = (("Typed", BY_HAND), ("Photograph", BY_PHOTOGRAPH), ("Camera", BY_CAMERA))
 WAYS_TIP = "Where readings come from; each can be corrected in the table"
+AGAIN = "Enter again"
 Index = QModelIndex | QPersistentModelIndex
 
 
@@ -118,7 +119,8 @@ class ReadingBar(QFrame):
         without_cycle = self._due.rpartition(", ")[0]  # which the line of the run names, too
         if warning:
             why = warning.partition("? ")[2]  # the field shows what is typed
-            controls.set_text(self.question, f"\u25b2 {warning}", shorter=f"\u25b2 {why}")
+            again = f", {AGAIN}" if self._short and self._doubted is not None else ""
+            controls.set_text(self.question, f"\u25b2 {warning}{again}", shorter=f"\u25b2 {why}{again}")
         else:
             controls.set_text(self.question, self._due, shorter=without_cycle)
         self._show_unit()
@@ -186,8 +188,8 @@ class ReadingBar(QFrame):
 
     def _show_unit(self) -> None:
         unit = self.run.readings.unit
-        press = "press Enter" if self._doubted is None else "Enter again"
-        controls.set_text(self.unit, unit if self._short and self._doubted is None else f"{unit}, {press}")
+        press = "press Enter" if self._doubted is None else AGAIN
+        controls.set_text(self.unit, unit if self._short else f"{unit}, {press}")
         self.field.setAccessibleName(f"Elongation in {unit}")
 
     def enter(self) -> None:

@@ -18,6 +18,7 @@ from PySide6.QtWidgets import (
     QLineEdit,
     QPushButton,
     QScrollArea,
+    QSizePolicy,
     QWidget,
 )
 
@@ -121,10 +122,11 @@ class SequencePanel(QFrame):
         self.run, self.notices = run, notices
         self.picture = StaircasePicture("The plan and its progress")
         self.state = controls.label("", "subtitle")
-        self.progress = controls.label("", "muted", name="Progress of the run", elide=True)
+        self.progress = controls.label("", "muted", name="Progress of the run", wrap=True)
+        self.progress.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)  # the buttons are not cut
         self.uncertainty = controls.label("", "muted", name="Uncertainty of the run", wrap=True)
         self.uncertainty.hide()
-        self._low = False
+        self._low, self._lines = False, 0  # the height of the progress
         self.buttons: dict[str, QPushButton] = {
             key: controls.button(text, partial(self.press, key), "primary" if key in PRIMARY else "", tip=tip)
             for key, (text, tip) in BUTTONS.items()
@@ -149,9 +151,10 @@ class SequencePanel(QFrame):
         self._fit()
 
     def _fit(self) -> None:
-        """Take the height of the buttons and of the uncertainty in a low window, at least this in any other."""
+        """Take the height of buttons, progress and uncertainty in a low window, at least this in any other."""
         margins = self.inside.contentsMargins()
-        least = style.CONTROL_HEIGHT + margins.top() + margins.bottom() + style.STEP  # with the frame
+        self._lines = self.progress.heightForWidth(self.progress.width())
+        least = max(style.CONTROL_HEIGHT, self._lines) + margins.top() + margins.bottom() + style.STEP  # with the frame
         if not self.uncertainty.isHidden():
             width = self.width() - margins.left() - margins.right()
             least += self.uncertainty.heightForWidth(width) + self.inside.spacing()
@@ -161,14 +164,14 @@ class SequencePanel(QFrame):
         self.setMaximumHeight(least if self._low else style.UNLIMITED)
 
     def _show_progress(self, snapshot: SessionSnapshot) -> None:
-        """Show as many parts of the progress as fit; without a run the estimate of the plan."""
+        """Show the longest text of the progress that fits in a line, without a run of the estimate; else wrapped."""
         measure = self.progress.fontMetrics().horizontalAdvance
         texts = [progress_text(snapshot, leave_out, self.run.sequence.units) for leave_out in range(3)]
-        shown = next((text for text in texts if measure(text) <= self.progress.width()), texts[-1])
-        model = self.run.sequence
-        controls.set_text(
-            self.progress, shown or model.line(snapshot), shorter="" if shown else model.estimate(snapshot)
-        )
+        texts = texts if texts[0] else self.run.sequence.lines(snapshot)
+        width = self.progress.width()
+        controls.set_text(self.progress, next((text for text in texts if measure(text) <= width), texts[-1]))
+        if self.progress.heightForWidth(width) != self._lines:
+            self._fit()
 
     def _show_uncertainty(self, text: str) -> None:
         """Show the uncertainty in a line of its own, wrapped: no number of it is ever cut."""

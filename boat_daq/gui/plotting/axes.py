@@ -90,7 +90,7 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
             length = self.size().height() if upright else self.size().width()
             lines = title_lines(self._title, self._unit, self._font, length, most=_TITLE_LINES if upright else 1)
             self.label.setHtml(self._titled("<br>".join(map(escape, lines))))
-            self.label.setToolTip("" if "\u2026" not in "".join(lines) else self.labelText)
+            self.label.setToolTip("" if " ".join(lines) == self.labelText else self.labelText)
             self.label.setTextWidth(max(1.0, length))
         super().resizeEvent(ev)
         if self.label is not None:
@@ -295,7 +295,7 @@ def title_lines(title: str, unit: str, font: QFont, length: float, *, most: int)
         fitting = [lines for lines in options if max(style.text_width(font, line) for line in lines) <= length]
         if fitting:
             return fitting[-1]  # the unit in a line of its own, where that fits
-    lines = [title, f"({unit})"] if unit and most > 1 else [named(title, unit)]
+    lines = [f"({unit})"] if unit and most > 1 else [named(title, unit)]  # the values at its side have the name
     return [QFontMetrics(font).elidedText(line, Qt.TextElideMode.ElideRight, max(1, int(length))) for line in lines]
 
 

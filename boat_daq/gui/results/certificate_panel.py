@@ -48,7 +48,7 @@ class CertificatePanel(QDialog):
         side.setWidgetResizable(True)
         side.setFrameShape(QFrame.Shape.NoFrame)
         side.setFixedWidth(style.PANE_WIDTH_WIDE)
-        side.setWidget(controls.inside(controls.column(self.words, form, self.outcome, None, spacing=style.GAP)))
+        side.setWidget(controls.inside(controls.column(self.outcome, self.words, form, None, spacing=style.GAP)))
         shown = controls.row(side, (self.area, 1))
         self.setLayout(controls.column((shown, 1), buttons, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
         screen = self.screen().availableSize()

@@ -89,6 +89,7 @@ class FigureTable(DataTable):
         self._rows = rows, sensors
         self.set_headings(["Figure", *sensors], stretched=0, right=range(1, 1 + len(sensors)))
         self.fill([shown_row(row, self.units) for row in rows])
+        self.setVisible(bool(rows))  # no heading over nothing
         self.resizeRowsToContents()
         self._share()
 

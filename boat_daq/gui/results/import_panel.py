@@ -12,6 +12,7 @@ from boat_daq.gui import style
 from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_open
+from boat_daq.gui.widgets.layouts import PageScroll
 from boat_daq.viewmodels.common.files import TABLE_KINDS
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.results.csv_import import ROLES, SEPARATORS, UNIT_TEXTS, CsvImport, Source
@@ -46,12 +47,11 @@ class ImportPanel(QDialog):
         self.second = controls.button("Second file \u2026", self._ask_second, "quiet", tip=SECOND_TIP)
         self.profile = controls.button("Text profile \u2026", self._ask_profile, "quiet", tip=CAPTURE_TIP)
         close = controls.button("Cancel", self.close, name="Cancel the import")
-        self.setLayout(
-            controls.column(
-                self.summary, (self.preview, 1), self._form(), self.warnings,
-                controls.row((self.obstacle, 1), self.second, self.profile, close, self.button), spacing=style.GAP,
-            )
-        )  # fmt: skip
+        parts = (self.summary, (self.preview, 1), self._form(), self.warnings)
+        area = PageScroll()  # on a small screen; the buttons stay below it
+        area.setWidget(controls.holder(controls.column(*parts, spacing=style.GAP)))
+        buttons = controls.row((self.obstacle, 1), self.second, self.profile, close, self.button)
+        self.setLayout(controls.column((area, 1), buttons, spacing=style.GAP))
 
     def _form(self) -> QWidget:
         """Return quantities and their columns in two columns, then what holds for the whole file."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from PySide6.QtCore import Qt
+from PySide6.QtGui import QShowEvent
 from PySide6.QtWidgets import QDialog, QLineEdit, QPlainTextEdit, QWidget
 
 from boat_daq.gui import style
@@ -39,6 +40,11 @@ class MetadataForm(QDialog):
         )
         parts = (controls.label(_EXPLANATION, "muted", wrap=True), form, buttons)
         self.setLayout(controls.column(*parts, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Take the height that the texts need, which is known once they have their font."""
+        super().showEvent(event)
+        self.resize(self.width(), self.heightForWidth(self.width()))
 
     def typed(self) -> dict[str, str]:
         return {key: field.text() for key, field in self.fields.items()}

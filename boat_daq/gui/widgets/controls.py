@@ -189,6 +189,7 @@ def tabs(name: str, *pages: tuple[QWidget, str]) -> QTabWidget:
     widget = QTabWidget()
     widget.setDocumentMode(True)
     widget.tabBar().setDrawBase(False)
+    widget.setUsesScrollButtons(False)
     for named in (widget, widget.tabBar()):
         named.setAccessibleName(name)
     for page, text in pages:

@@ -15,7 +15,7 @@ from boat_daq.formatting import duration
 from protocol.base.units import MINUS
 
 LADDER = (1.0, 2.0, 5.0)
-TICK_PX = 15.0  # of one label
+TICK_PX = 14.0  # of one label
 CONSTANT_RANGE = 1e-9  # of a value: a range so narrow is that of a constant
 DIVISIONS = 7  # at most so many labelled ticks over a range
 

@@ -181,7 +181,7 @@ class SequenceModel:
         self._preferences.set("wait_for_reading", self.wait_for_reading)
 
     @staticmethod
-    def _estimate(plan: Plan, *, waits: bool) -> str:
+    def _estimate(plan: Plan, *, waits: bool, short: bool = False) -> str:
         plateaus, lasts_s = _extent(plan)
         size = f"{count(plateaus, 'plateau')}, " if plateaus else ""
         if not (waits and plateaus):
@@ -189,7 +189,7 @@ class SequenceModel:
         run, whole = (
             f"{s:.0f} s" if s < 60 else f"{s / 60:.0f} min" for s in (lasts_s, lasts_s + plateaus * READING_S)
         )
-        return f"{size}{run} + your readings, about {whole}"
+        return f"{size}about {whole}" if short else f"{size}{run} + your readings, about {whole}"
 
     def in_force(self, snapshot: SessionSnapshot) -> Plan:
         """Return the plan that is armed or running, else the chosen one."""
@@ -202,9 +202,11 @@ class SequenceModel:
     def estimate(self, snapshot: SessionSnapshot) -> str:
         return self._estimate(self.in_force(snapshot), waits=self.waits_in_force(snapshot))
 
-    def line(self, snapshot: SessionSnapshot) -> str:
-        """Return name, plateaus and time of the plan that is drawn."""
-        return f"{self.in_force(snapshot).name}: {self.estimate(snapshot)}"
+    def lines(self, snapshot: SessionSnapshot) -> list[str]:
+        """Return name, plateaus and time of the plan that is drawn, then shorter texts."""
+        plan, whole = self.in_force(snapshot), self.estimate(snapshot)
+        short = self._estimate(plan, waits=self.waits_in_force(snapshot), short=True)
+        return [f"{plan.name}: {whole}", whole, short]
 
     def drawing(self, snapshot: SessionSnapshot) -> StaircaseDrawing:
         """Return the plan that is armed, runs or would run next, with limits and the done part."""

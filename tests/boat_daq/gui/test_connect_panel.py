@@ -19,11 +19,13 @@ def test_tab_leaves_every_field(live, qtbot):
     live.model.services.show(Panel.CONNECT)
     panel.activateWindow()
     qtbot.waitUntil(lambda: QApplication.activeWindow() is panel, timeout=PATIENCE_MS)
-    seen = set()
+    seen = []
     for _ in range(16):
-        seen.add(panel.focusWidget())
+        seen.append(panel.focusWidget())
         QTest.keyClick(panel.focusWidget(), Qt.Key.Key_Tab)
-    assert {panel.profile, panel.connect_button, panel.virtual_button, panel.speed} <= seen
+    assert {panel.profile, panel.connect_button, panel.virtual_button, panel.speed} <= set(seen)
+    texts = [widget.accessibleName() for widget in seen]  # as they are read: Rescan followed the profile
+    assert texts[:5] == ["Port", "Rescan", panel.unit.accessibleName(), panel.profile.accessibleName(), "Open \u2026"]
     assert panel.profile.toPlainText() == ""
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from PySide6.QtWidgets import QPushButton
+
 from boat_daq.engine.plan import StepMark
 from boat_daq.gui.live.live_plots import OverlayPlots
 from boat_daq.viewmodels.live.live_model import OverlayModel
@@ -10,7 +12,7 @@ from tests.boat_daq.gui.recorded_session import RecordedSession, connected, fill
 
 
 def test_last_cycles_are_overlaid(make):
-    """O shows the cycles of the run from their beginnings, and O again the plots."""
+    """From their beginnings; the button over them leads back to the plots."""
     session = RecordedSession(connected(), filled_ring(120.0))
     session.marks = tuple(
         StepMark(i, i, "unloading", 0.0, 10.0, int(36e6 * i), ended_us=int(36e6 * (i + 1))) for i in (1, 2)
@@ -26,7 +28,8 @@ def test_last_cycles_are_overlaid(make):
     assert not window.live.overlay.empty_text.isVisible()
     assert window.live.overlay.readout.text() == "2 of the last 5 cycles"
     assert window.live.overlay.curves[0][-1].x.size > 100
-    window.live.toggle_overlay()
+    (back,) = (b for b in window.live.overlay.findChildren(QPushButton) if b.text() == "Back to the plots")
+    back.click()
     window.refresh()
     assert window.live.plots.isVisible()
 

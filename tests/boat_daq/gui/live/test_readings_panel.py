@@ -225,6 +225,9 @@ def test_implausible_reading_is_warned_of_beside_its_field(running):
     assert running.model.session.kept == []
     assert (bar.question.shorter, bar.unit.text()) == ("\u25b2 Model +1.4 \u00b11.1 mm", "mm, Enter again")
     assert "\u2026" not in bar.question.fitting(bar.question.width())
+    bar.fold(narrow=True, low=True)  # the words beside the field were cut
+    running.refresh()
+    assert (bar.question.shorter, bar.unit.text()) == ("\u25b2 Model +1.4 \u00b11.1 mm, Enter again", "mm")
     QTest.keyClicks(bar.field, "14")  # in its place
     QTest.keyClick(bar.field, Qt.Key.Key_Return)
     assert running.model.session.kept == []

@@ -104,6 +104,16 @@ def test_interrupted_run_shows_its_cause(live, state):
     live.model.session.change(state=SessionState.IDLE, run_ended=RunEnding(RunEnd.FINISHED))
     live.refresh()
     assert "plateaus" in live.live.sequence.progress.text()
+    live.resize(NARROW, 600)
+    for now, cause in ((SessionState.ARMED, "the board was unplugged"), (state, "the board was unplugged " * 8)):
+        live.model.session.change(state=now, run_ended=RunEnding(RunEnd.FAULT, cause))
+        live.refresh()
+        QApplication.processEvents()
+        live.refresh()
+        panel, progress = live.live.sequence, live.live.sequence.progress
+        assert progress.heightForWidth(progress.width()) <= progress.height()  # no word is cut
+        assert panel.rect().contains(progress.geometry())
+        assert all(panel.rect().contains(b.geometry()) for b in panel.buttons.values() if b.isVisible())
 
 
 @pytest.mark.parametrize(

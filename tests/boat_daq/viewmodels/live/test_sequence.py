@@ -53,10 +53,10 @@ def test_drawing_and_text_are_of_the_plan_that_runs_next(tmp_path: Path) -> None
     held = {state: dataclasses.replace(connected(), plan=one, state=state) for state in SessionState}
     limits = (-40.0, 50.0)
     assert model.drawing(ended) == drawing(model.plan, 0.0, limits)
-    assert model.line(ended) == "calibration: 91 plateaus, 6 min + your readings, about 21 min"
+    assert model.lines(ended)[0] == "calibration: 91 plateaus, 6 min + your readings, about 21 min"
     for state in (SessionState.ARMED, SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING):
         assert model.drawing(held[state]) == drawing(one, 0.0, limits)
-        assert model.line(held[state]).startswith("calibration: 19 plateaus, ")
+        assert model.lines(held[state])[0].startswith("calibration: 19 plateaus, ")
     assert model.drawing(held[SessionState.ABORTED]) == drawing(model.plan, 0.0, limits)
 
 

@@ -40,8 +40,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 PACKAGES = ("optics/scene", "optics/tracer", "shadow/fem")
 ANNOUNCED = ("analysis.optics", "analysis.shadow")
 """Packages that take long to compile; elsewhere it is not worth a line."""
-FUNCTION_S = 0.2
-"""CPU time that a function takes to compile, in the mean."""
+FUNCTION_S = 0.2  # CPU time that a function takes to compile, in the mean
 UNUSED_S = 30 * 86_400.0
 _HERE = Path(__file__).parent
 _INSTALLED = {"site-packages", "dist-packages"}

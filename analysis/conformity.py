@@ -20,8 +20,7 @@ from analysis.json_object import json_object
 GUARD_FACTOR = 1.0
 """The guard band in expanded uncertainties: w = U, of which a false acceptance is at most 2.5 % probable."""
 RULE = "ILAC-G8:09/2019, 4.2.3: guard band w = U (95 %)"
-_ONE_SIDED = 0.975
-"""Share of a distribution below the upper end of a two-sided 95 % interval."""
+_ONE_SIDED = 0.975  # share of a distribution below the upper end of a two-sided 95 % interval
 
 
 class Conformity(StrEnum):

@@ -11,8 +11,7 @@ _MAD_TO_SD = 1.482602218505602  # 1 / Phi^-1(3/4): median absolute deviation of 
 _BETWEEN = 21  # points between two levels
 _ALIKE = 0.02  # of the range of levels: nearer ones are one
 BATCHES = 16  # of draws; the sd over so many is known to 18 %
-PERCENTILES = (2.5, 97.5)
-"""Of the resamples, which a 95 % interval rests on."""
+PERCENTILES = (2.5, 97.5)  # of the resamples, which a 95 % interval rests on
 
 
 def effective_count(values: FloatArray) -> float:

@@ -19,10 +19,8 @@ from analysis.polynomial import LeastSquares
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError
 
-SLOPES = 401
-"""Number of x over the range at which the slope is constrained."""
-_LEAST_SLOPE = 1e-4
-"""Of the mean slope: enough that the curve does not turn between two of these x."""
+SLOPES = 401  # number of x over the range at which the slope is constrained
+_LEAST_SLOPE = 1e-4  # of the mean slope: enough that the curve does not turn between two of these x
 
 
 def through_zero(calibration: Calibration) -> Calibration:

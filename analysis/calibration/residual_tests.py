@@ -19,10 +19,8 @@ from analysis.numbers import percent
 from analysis.warning import Warning, WarningCode
 from protocol.base.arrays import FloatArray
 
-_LEVEL = 0.05
-"""Two-sided level of the test of a stated uncertainty, as ISO/TS 28038 has it on each side."""
-WEAK_R2 = 0.9
-"""Of the variance of y: a curve that explains less is no calibration."""
+_LEVEL = 0.05  # two-sided level of the test of a stated uncertainty, as ISO/TS 28038 has it on each side
+WEAK_R2 = 0.9  # of the variance of y: a curve that explains less is no calibration
 
 
 class StatedUncertainty(StrEnum):

@@ -42,8 +42,7 @@ def matlab_function(calibration: CalibrationFile) -> str:
     )  # fmt: skip
 
 
-FORMS: Mapping[str, str] = {"json": ".json", "c": ".h", "matlab": ".m", "csv": ".csv"}
-"""Form -> suffix of its file."""
+FORMS: Mapping[str, str] = {"json": ".json", "c": ".h", "matlab": ".m", "csv": ".csv"}  # form -> suffix of its file
 
 
 def calibration_text(calibration: CalibrationFile, form: str, table_error_mm: float | None = None) -> str:

@@ -60,8 +60,7 @@ class Tuning:
     """Gains of the controller."""
 
     integral_per_s: float
-    # lead_s, lead_s2: of the setpoint's rate and acceleration in the feed-forward
-    lead_s: float
+    lead_s: float  # with lead_s2: of the setpoint's rate and acceleration in the feed-forward
     lead_s2: float
     shape_rad_per_s: float
     ramp_kpa_per_s: float  # fastest change of the pressure
@@ -99,17 +98,14 @@ class Bounds:
 class Output:
     """What a period brought."""
 
-    # pressure_kpa, ramp_kpa_per_s: the command; the pressure is that of before where `stop` is set
-    pressure_kpa: float
+    pressure_kpa: float  # with ramp_kpa_per_s: the command; the pressure is that of before where `stop` is set
     ramp_kpa_per_s: float
     setpoint_mm: float
-    # elongation_mm, u_mm: measured, k = 2; NaN where unknown
-    elongation_mm: float
+    elongation_mm: float  # with u_mm: measured, k = 2; NaN where unknown
     u_mm: float
     saturated: bool  # the pressure is at a limit or at its ramp
     lost: tuple[int, ...] = ()  # sensors (from 1) newly lost
-    # stop, cause, remedy: why to stop; None and empty where nothing is wrong
-    stop: StopCode | None = None
+    stop: StopCode | None = None  # with cause, remedy: why to stop; None and empty where nothing is wrong
     cause: str = ""
     remedy: str = ""
 

@@ -52,8 +52,7 @@ class BodePoint:
 class DynamicCalibration:
     """The dynamics of a run."""
 
-    # unit, simulated, recording: the unit and the run
-    unit: str
+    unit: str  # with simulated, recording: the unit and the run
     simulated: bool
     recording: str
     tolerance_mm: float

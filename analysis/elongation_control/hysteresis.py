@@ -33,11 +33,9 @@ _STEEPEST = 0.8  # of the curvature at which an envelope would turn inside the i
 class HysteresisModel:
     """Elongation over pressure with memory."""
 
-    # radii, weights: [m], kPa and mm/kPa
-    radii: FloatArray
+    radii: FloatArray  # with weights: [m], kPa and mm/kPa
     weights: FloatArray
-    # up_curvature, down_curvature: c of the envelopes v + c v^2, 1/kPa; the first is no larger
-    up_curvature: float
+    up_curvature: float  # with down_curvature: c of the envelopes v + c v^2, 1/kPa; the first is no larger
     down_curvature: float
     offset_mm: float  # elongation at plays of zero
     pressure_range_kpa: tuple[float, float]

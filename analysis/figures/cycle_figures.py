@@ -24,12 +24,10 @@ from protocol.base.arrays import FloatArray
 WARM_UP_SIGMA = 3.0
 WARM_UP_PERCENT = 0.1
 """Of full-scale output: a fiftieth of the published hysteresis, below what any reader of a report acts upon."""
-LEAST_LATER = 2
-"""Cycles in the second half: one has no scatter to compare with."""
+LEAST_LATER = 2  # cycles in the second half: one has no scatter to compare with
 _LEAST_FOR_TREND = 3
 _SHOW_DEPENDENCE = 30  # cycles: of fewer a random walk is often not noticed
-_DRAWS = 2_000
-"""Of simulated cycles: their mean maximum is then known to a fortieth of its scatter."""
+_DRAWS = 2_000  # of simulated cycles: their mean maximum is then known to a fortieth of its scatter
 POOLED = "pooled sd over cycles of all levels / FSO"
 WORST = "largest sd over cycles of a level / FSO"
 

@@ -88,8 +88,7 @@ OF_POINTS = (  # figures of the calibration's points; the others are those of th
 _OWN_LOOP = "sensor_hysteresis_percent_fso"
 _LACK_OF_FIT = "lack_of_fit_percent_fso"  # a verdict on the curve, at the dwell or at rest
 ACTUATOR_DEGREE, ACTUATOR_LOOP_TERMS = 3, 4
-MOST_RESAMPLES = 200_000
-"""More take gigabytes, and change no digit that is printed."""
+MOST_RESAMPLES = 200_000  # more take gigabytes, and change no digit that is printed
 
 
 @dataclass(frozen=True, slots=True)

@@ -148,11 +148,9 @@ def predict_run(
 class LivePrediction:
     """The signals that the chain predicts for a pressure, read from a table: hysteresis is in the band."""
 
-    # pressure_kpa, elongation_mm: [nodes] of the table, by the mean of both branches
-    pressure_kpa: FloatArray
+    pressure_kpa: FloatArray  # with elongation_mm: [nodes] of the table, by the mean of both branches
     elongation_mm: FloatArray
-    # signal_mv, half_mv: [nodes, sensors] predicted, and half the width of its 95 % band
-    signal_mv: FloatArray
+    signal_mv: FloatArray  # with half_mv: [nodes, sensors] predicted, and half the width of its 95 % band
     half_mv: FloatArray
     loop_mm: float  # half the width of the actuator's hysteresis loop
     fusion: Fusion

@@ -34,8 +34,7 @@ from protocol.base.arrays import FloatArray
 from protocol.base.units import COVERAGE_FACTOR
 
 FEWEST_CYCLES = 2
-_CONFIDENCE = 0.9
-"""One-sided, of the limit of what the cycles may differ by in U that ends a run: by its coverage."""
+_CONFIDENCE = 0.9  # one-sided, of the limit of what the cycles may differ by in U that ends a run: by its coverage
 DRIFT, SPREAD = "drift_percent_fso_per_100_cycles", "repeatability_percent_fso"
 HELD_SHARE = 0.45
 """Of a branch's plateaus, held at least: one much faster than the others is taken for the way to the vented state."""

@@ -92,11 +92,9 @@ FEWEST_FOR_DRIFT = 10
 class Delay:
     """The delay of a camera's frames."""
 
-    # delay_s, u_s: at `about_s`, and its standard uncertainty
-    delay_s: float
+    delay_s: float  # with u_s: at `about_s`, and its standard uncertainty
     u_s: float
-    # drift, u_drift: growth of the delay, s/s; 0 where too few windows show one
-    drift: float
+    drift: float  # with u_drift: growth of the delay, s/s; 0 where too few windows show one
     u_drift: float
     about_s: float  # middle of the windows, recording time
     windows: FloatArray  # [n, 2] time and delay of each

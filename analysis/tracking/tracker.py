@@ -56,12 +56,10 @@ class Tracked:
     """The elongation in one picture."""
 
     time_s: float
-    # elongation_mm, u_mm: value and standard uncertainty; NaN where there is none
-    elongation_mm: float
+    elongation_mm: float  # with u_mm: value and standard uncertainty; NaN where there is none
     u_mm: float
     fault: PictureFault | None  # why there is no value; None where there is one
-    # base_px, tip_px: [4, 2] corners of the marks in the picture, None where not found
-    base_px: FloatArray | None = None
+    base_px: FloatArray | None = None  # with tip_px: [4, 2] corners of the marks in the picture, None where not found
     tip_px: FloatArray | None = None
 
 

@@ -21,12 +21,9 @@ from protocol.base.errors import DataError
 
 REST_STATE = 7
 POINTS = 7
-_LENGTH_MM = 75.0
-"""Six unit cells of 12.5 mm (paper)."""
-COMPRESSION_MM, ELONGATION_MM = -2.70, 3.80
-"""Elongation at -40 and +50 kPa, derived from the paper's figures."""
-BOW_MM = 12.5
-"""Assumed in the parametric set: at rest the middle of a guide is one unit cell off the axis."""
+_LENGTH_MM = 75.0  # six unit cells of 12.5 mm (paper)
+COMPRESSION_MM, ELONGATION_MM = -2.70, 3.80  # elongation at -40 and +50 kPa, derived from the paper's figures
+BOW_MM = 12.5  # assumed in the parametric set: at rest the middle of a guide is one unit cell off the axis
 BOW_PER_ELONGATION = 0.925
 """Assumed: mm of bow a mm of elongation. The bladders push the guides out as they lengthen (paper: straighter in
 compression, more bent in elongation): 10.0 mm at the most compressed state, 16.0 mm at the most elongated."""

@@ -46,8 +46,7 @@ class Geometry(NamedTuple):
     NO_CAVITY, that of a junction's surface is the junction.
     """
 
-    # cells, links: (c, 19) and (c, 5), columns as above
-    cells: FloatArray
+    cells: FloatArray  # with links: (c, 19) and (c, 5), columns as above
     links: IntArray
     surfaces: FloatArray
     kinds: IntArray
@@ -55,12 +54,10 @@ class Geometry(NamedTuple):
     corners: IntArray
     cavities: IntArray  # (p, 4), columns as above
     end_cells: IntArray  # (2, 2) first and last cell of each guide
-    # bvh_boxes, bvh_nodes, bvh_order: (2 n + 2, 4), (2 n + 2, 3) and (n,) of the BVH, see `bvh.py`
-    bvh_boxes: FloatArray
+    bvh_boxes: FloatArray  # with bvh_nodes, bvh_order: (2 n + 2, 4), (2 n + 2, 3) and (n,) of the BVH, see `bvh.py`
     bvh_nodes: IntArray
     bvh_order: IntArray
-    # emitter, receiver_direction: (4,) and (2,) as in `SceneFrame`
-    emitter: FloatArray
+    emitter: FloatArray  # with receiver_direction: (4,) and (2,) as in `SceneFrame`
     receiver_direction: FloatArray
     source_cell: int  # cell in which the rays start
     cell_count: int

@@ -16,20 +16,17 @@ Face = Literal["outer", "inner", "both", "midline"]
 Order = Literal["time", "bounce", "index"]
 Emission = Literal["uniform", "lambertian"]
 By = Literal["count", "power"]
-MOST_RAYS = 10_000_000
-"""More costs memory, 8 bytes each and thread, and changes no figure."""
+MOST_RAYS = 10_000_000  # more costs memory, 8 bytes each and thread, and changes no figure
 PAPER_RAYS = 250
 WAVELENGTH_MM = 860e-6
-QUARTER_STEP = 0.25
-"""Turn of the fan at which its two halves, mirrored into each other, interleave at half a step."""
+QUARTER_STEP = 0.25  # turn of the fan at which its two halves, mirrored into each other, interleave at half a step
 ORDERS: tuple[Order, ...] = ("time", "bounce", "index")
 STATES = 15  # of a sweep, from the most compressed to the most elongated
 STEPS_MM = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # of width, spacing and depth in the paper's grid
 FACES: tuple[Face, ...] = ("outer", "inner", "both", "midline")
 BYS: tuple[By, ...] = ("count", "power")
 PAPER_SECONDARY = 100
-ALL = -1
-"""Budget under which every reflected part above the faintest power is followed."""
+ALL = -1  # budget under which every reflected part above the faintest power is followed
 FULL_FAINTEST, LEAST_FAINTEST = 1e-3, 1e-12
 """Faintest power where all reflected parts are followed: the default, and the least that ends."""
 

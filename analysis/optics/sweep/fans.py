@@ -21,8 +21,7 @@ from analysis.progress import Progress, part_of
 from protocol.base.arrays import BoolArray, FloatArray, IntArray
 
 PAPER_FANS = 7
-CERTAIN = 0.95
-"""Part of a sweep's counts that meet its tolerance."""
+CERTAIN = 0.95  # part of a sweep's counts that meet its tolerance
 _GOLDEN = (5**0.5 - 1) / 2
 
 

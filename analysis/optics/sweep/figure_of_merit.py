@@ -19,8 +19,7 @@ DEGREE = 3
 _DRAWS = 500
 _RANKED = 50
 _TIE = 0.025
-_LARGE = 1e3
-"""Noncentral chi-square above which its root is normal with sd 1, to 0.015 on the safe side."""
+_LARGE = 1e3  # noncentral chi-square above which its root is normal with sd 1, to 0.015 on the safe side
 
 FLOOR = 1.0 / math.sqrt(12.0)
 """RMSE below what the paper's 250 rays resolve counts as this where designs are compared at any number of rays."""

@@ -45,16 +45,12 @@ from analysis.progress import Progress
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import ChoiceError, RequestError
 
-POPULATION = 16
-"""Designs of a generation."""
+POPULATION = 16  # designs of a generation
 BOUNDS = ((1.0, 9.0), (0.3, 2.0), (0.2, 1.6), (0.3, 2.0), (0.0, 1.0))
-PATIENCE, BETTER = 8, 0.01
-"""Generations without a design better by that part, after which the search has converged."""
-TURNS = 2
-"""Number of further turns of the fan at which the winners are evaluated."""
+PATIENCE, BETTER = 8, 0.01  # generations without a design better by that part, after which the search has converged
+TURNS = 2  # number of further turns of the fan at which the winners are evaluated
 _CHECK, _SCAN, _FINALISTS, _FEW = 10, 2, 6, 2
-_SCAN_PART, _SEARCH_PART = 0.45, 0.8
-"""Parts of the time after which the scan of the grid and the search are stopped."""
+_SCAN_PART, _SEARCH_PART = 0.45, 0.8  # parts of the time after which the scan of the grid and the search are stopped
 
 Scored = tuple[float, Design]
 
@@ -64,11 +60,9 @@ class Winner:
     """A design of a search."""
 
     design: Design
-    # p, p_range: its P, least and greatest P over three turns of the fan
-    p: float
+    p: float  # with p_range: its P, least and greatest P over three turns of the fan
     p_range: tuple[float, float]
-    # power, power_sd: (15,) detected power, emitted = 1, and its standard deviation
-    power: FloatArray
+    power: FloatArray  # with power_sd: (15,) detected power, emitted = 1, and its standard deviation
     power_sd: FloatArray
     given_up: float  # the largest power that was not followed to an end in a state
 
@@ -77,14 +71,12 @@ class Winner:
 class Optimum:
     """Result of the search."""
 
-    # start, best: the grid's best design and the one found
-    start: Winner
+    start: Winner  # with best: the grid's best design and the one found
     best: Winner
     paper_p: float  # P of the paper's; all at `checked_rays`
     evaluations: int
     seconds: float
-    # rays, checked_rays: released in the search and in the final evaluation
-    rays: int
+    rays: int  # with checked_rays: released in the search and in the final evaluation
     checked_rays: int
     finished: bool  # False if the time ran out before the search converged
     by: By  # what P is computed from

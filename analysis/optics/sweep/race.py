@@ -34,13 +34,11 @@ FIRST_RAYS, RELATED_RAYS = 1_000, 4_000
 """Up to the latter neighbouring rays become related, and twice the rays leave less than half of the error."""
 FIRST_RAYS_OF_POWER = 2_000
 """Rays of the first round by power: with 1,000 half of the designs would remain, which saves nothing."""
-RACE_MOST_RAYS = 256_000
-"""Rays of the best design unless stated otherwise."""
+RACE_MOST_RAYS = 256_000  # rays of the best design unless stated otherwise
 LEADERS, CHALLENGERS = 2, 16
 """Designs that a round traces again: those with the largest P, and of the others with the fewest rays those with the
 largest upper bound."""
-_PIECE = 32
-"""Designs that are traced between two looks at the clock."""
+_PIECE = 32  # designs that are traced between two looks at the clock
 
 Simulate = Callable[[Sequence[Design], Light], SweepResult]
 

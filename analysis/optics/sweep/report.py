@@ -36,8 +36,6 @@ from protocol.base.arrays import FloatArray
 from protocol.base.errors import writing
 from protocol.base.whole_file import write_whole, written_whole
 
-_SHOWN = 5
-
 
 def race_json(race: Race, by: By) -> dict[str, Any]:
     """Return the object of `optics sweep --confidence C --json`."""
@@ -105,8 +103,7 @@ _DPI = 160
 _FAINT, _STRONG = 0.01, 0.22
 _MOST_DRAWN = 400
 _SHOWN = 3
-RANKS_ALIKE = 0.05
-"""Tolerance of a ranking: of 1 - its rank correlation, as in the trade-off."""
+RANKS_ALIKE = 0.05  # tolerance of a ranking: of 1 - its rank correlation, as in the trade-off
 SEVERAL = {"count": "counts", "power": "powers"}
 _UNITS = {"count": "rays of 250", "power": "power of 250 rays"}
 _GROUPS = {"all": "designs", "same_cavities": "with as many cavities", "paper_map": "in its map"}

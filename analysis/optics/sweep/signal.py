@@ -26,13 +26,11 @@ class SignalFit:
 
     gain_mv_per_percent: float
     offset_mv: float
-    # r2, rms_mv, rms_percent_fso: what it explains of the published signal, and what it misses
-    r2: float
+    r2: float  # with rms_mv, rms_percent_fso: what it explains of the published signal, and what it misses
     rms_mv: float
     rms_percent_fso: float
     signal_change_percent: float
-    # line_r2, parabola_r2: what polynomials in elongation explain
-    line_r2: float
+    line_r2: float  # with parabola_r2: what polynomials in elongation explain
     parabola_r2: float
 
 
@@ -41,8 +39,7 @@ class ChainSignal:
     """The light of one design over the states, beside the published signals."""
 
     rays: int
-    # elongation_mm, light_percent, light_sd_percent: (15,), one a state
-    elongation_mm: FloatArray
+    elongation_mm: FloatArray  # with light_percent, light_sd_percent: (15,), one a state
     light_percent: FloatArray
     light_sd_percent: FloatArray
     sensors: tuple[SignalFit, ...]  # the fit of each published sensor

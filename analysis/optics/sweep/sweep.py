@@ -81,18 +81,14 @@ class SweepResult:
     """Results of a sweep; first axis the designs (n), second the states (s)."""
 
     request: SweepRequest
-    # ndr, ndr_sd: (n, s) rays that reach the receiver scaled to 250, and their standard deviation
-    ndr: FloatArray
+    ndr: FloatArray  # with ndr_sd: (n, s) rays that reach the receiver scaled to 250, and their standard deviation
     ndr_sd: FloatArray
-    # power, power_sd: (n, s) detected power, emitted = 1, and its standard deviation
-    power: FloatArray
+    power: FloatArray  # with power_sd: (n, s) detected power, emitted = 1, and its standard deviation
     power_sd: FloatArray
     mirrored: BoolArray  # (s,) whether a state is its own mirror image
-    # counts, energy: (n, s, 10) and (n, s, 4) ledgers, see `sweep_file.COUNT_NAMES` and `tally.ENERGY`
-    counts: IntArray
+    counts: IntArray  # with energy: (n, s, 10) and (n, s, 4) ledgers, see `sweep_file.COUNT_NAMES` and `tally.ENERGY`
     energy: FloatArray
-    # seconds, simulated: time taken by, and number of, the simulations of this run
-    seconds: float
+    seconds: float  # with simulated: time taken by, and number of, the simulations of this run
     simulated: int
 
     @property

@@ -41,8 +41,7 @@ class Queue(NamedTuple):
     slots have ever been in use (memory beyond them is untouched).
     """
 
-    # numbers, labels: (slots, 8) and (slots, 6), the rays
-    numbers: FloatArray
+    numbers: FloatArray  # with labels: (slots, 8) and (slots, 6), the rays
     labels: IntArray
     rank: IntArray  # (slots,) slots in use, then the free ones
     state: IntArray

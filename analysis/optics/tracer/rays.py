@@ -22,18 +22,15 @@ _TICK = 1e-7
 class Ray(NamedTuple):
     """A ray at its last surface."""
 
-    # x, y, dx, dy: position, mm, and unit direction
-    x: float
+    x: float  # with y, dx, dy: position, mm, and unit direction
     y: float
     dx: float
     dy: float
     power: float
-    # path_mm, optical_path_mm: path length and optical path length so far
-    path_mm: float
+    path_mm: float  # with optical_path_mm: path length and optical path length so far
     optical_path_mm: float
     medium: int  # 1 resin, 0 air
-    # last, cell: last surface met, and the cell it is in
-    last: int
+    last: int  # with cell: last surface met, and the cell it is in
     cell: int
     root: int  # number of the released ray that it stems from
     bounce: int

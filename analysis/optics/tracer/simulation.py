@@ -32,8 +32,7 @@ BLOCK = 4096
 CORRELATION_DEG_PER_MM2 = 0.03
 """Over this angle, times the thickness squared, neighbouring rays end alike: fitted to counts, see METHODS.md."""
 _SURE, _LEAST_ALIKE, _SMALL_STEP, _LARGE_STEP, _HALVINGS = 2.0, 0.001, 1e-3, 1e3, 40
-_QUICK_RAYS = 1_000
-"""A sum along a fan of as many is no work for Python."""
+_QUICK_RAYS = 1_000  # a sum along a fan of as many is no work for Python
 _SCALARS = ("half_mm", "source_cell")  # of a frame, the same in every state
 
 
@@ -47,13 +46,11 @@ class TraceResult:
     ledger: dict[str, int]  # rays by their end; released is the sum of the others
     energy: dict[str, float]  # parts of the emitted power by their end; they sum to 1
     hits: int
-    # granted, refused: secondaries that were followed, and that were beyond the budget
-    granted: int
+    granted: int  # with refused: secondaries that were followed, and that were beyond the budget
     refused: int
     ndr: float  # rays that reach the receiver, secondaries included, scaled to 250 emitted
     ndr_sd: float  # its standard deviation, see `fan_sd`; NaN for a single ray
-    # power, power_sd: detected power, emitted = 1, and its standard deviation
-    power: float
+    power: float  # with power_sd: detected power, emitted = 1, and its standard deviation
     power_sd: float
 
 
@@ -354,8 +351,7 @@ def _step(light: Light, thickness_mm: float) -> float:
 class RayPath:
     """The path of one ray."""
 
-    # points, power: (n, 2) vertices in mm, and the power at each (n,)
-    points: FloatArray
+    points: FloatArray  # with power: (n, 2) vertices in mm, and the power at each (n,)
     power: FloatArray
     in_resin: IntArray  # (n - 1,) which stretches ran in resin
     secondary: bool  # whether it is a reflected part

@@ -27,18 +27,15 @@ from protocol.base.units import COVERAGE_FACTOR
 PILOT_RAYS, FEWEST_RAYS = 100, 50
 SPARE, MORE, TRIES = 1.15, 1.2, 8
 """Part by which the prediction stays below the tolerance; factor of rays of another try, and how many there are."""
-FOUND = 1.2
-"""Factor on the least error by a pilot fan, so that the final fan meets the proposed error."""
-SEED = 1
-"""Seed of the rays' places: an answer is repeatable."""
+FOUND = 1.2  # factor on the least error by a pilot fan, so that the final fan meets the proposed error
+SEED = 1  # seed of the rays' places: an answer is repeatable
 
 
 @dataclass(frozen=True, slots=True)
 class ToleratedTrace:
     """A simulation with the error that it has."""
 
-    # result, light: the simulation, and the light it was made with
-    result: TraceResult
+    result: TraceResult  # with light: the simulation, and the light it was made with
     light: Light
     error: float  # error of its NDR or power, 2 standard deviations, rays of 250
     tolerance: float

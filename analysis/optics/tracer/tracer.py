@@ -19,8 +19,7 @@ from analysis.optics.tracer.nearest import in_air, in_resin
 from analysis.optics.tracer.rays import BY_BOUNCE, BY_TIME, Ray, Rules
 from analysis.optics.tracer.tally import DETECTED, Tally, draw
 
-MOST_HITS = 200_000
-"""Beyond, rounding turns a ray that creeps along a wall."""
+MOST_HITS = 200_000  # beyond, rounding turns a ray that creeps along a wall
 
 
 @inner_fusing

@@ -14,8 +14,7 @@ from analysis.compiled import compiled, inside
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import RequestError
 
-NEAREST_TO_HALF = 1e-6
-"""Nearer to 0.5 a solid is so stiff against volume that rounding hides the load."""
+NEAREST_TO_HALF = 1e-6  # nearer to 0.5 a solid is so stiff against volume that rounding hides the load
 
 
 @dataclass(frozen=True, slots=True)

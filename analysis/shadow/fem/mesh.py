@@ -28,8 +28,7 @@ class Mesh:
     quads: IntArray  # shape (m, 8), corners anticlockwise, then the midside after each corner
     material: IntArray  # shape (m,), LATTICE or WALL
     cavity: IntArray  # shape (k, 3), nodes of the wetted edges (start, middle, end), the solid on the left
-    # base, tip: node numbers on the fixed base and on the rigid tip plate
-    base: IntArray
+    base: IntArray  # with tip: node numbers on the fixed base and on the rigid tip plate
     tip: IntArray
 
 

@@ -32,8 +32,7 @@ _MAX_BYTES = 32 << 20  # a hundred thousand elements take 20 MB
 MAX_EXPANDED_BYTES = 128 << 20  # of compressed arrays, which may shrink to a thousandth
 MOST_BLOCKS = 100_000  # entities, blocks and names of a Gmsh file, each read on its own: 4 s
 PARTS = {"lattice": 1, "wall": 2, "cavity": 3, "base": 4, "tip": 5}
-FLAT_SHARE = 1e-6
-"""Distance of a node from its flat end that is accepted, as a share of the length."""
+FLAT_SHARE = 1e-6  # distance of a node from its flat end that is accepted, as a share of the length
 FARTHEST_MM = 1e6  # of a point: beyond, areas overflow
 _SECTION = re.compile(rb"\$(Entities|Nodes|Elements|PhysicalNames|Periodic)[ \t\r]*\n")
 _REVERSED = [0, 3, 2, 1, 7, 6, 5, 4]

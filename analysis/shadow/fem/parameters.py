@@ -32,8 +32,7 @@ class ActuatorParameters:
     envelope_radius_mm: float = 25.0  # outer radius of the lattice (assumed: two unit cells)
     lattice_modulus_kpa: float = 18.34  # effective Young's modulus of the lattice (paper: 18.34 +- 1.86)
     lattice_modulus_sd_kpa: float = 1.86  # its standard deviation over three specimens (paper)
-    # lattice_poisson, wall_poisson: Poisson's ratios (assumed)
-    lattice_poisson: float = 0.3
+    lattice_poisson: float = 0.3  # with wall_poisson: Poisson's ratios (assumed)
     wall_modulus_kpa: float = 1298.4  # Young's modulus of the wall (fitted)
     wall_poisson: float = 0.49
     guide_bow_mm: float = 18.0  # greatest distance of a waveguide's centreline from the axis (assumed)

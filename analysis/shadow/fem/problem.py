@@ -38,8 +38,7 @@ class Problem:
     plate_node: int  # a node of the rigid plate, -1 without a plate
     equations: IntArray  # shape (n, 2), the equation of each displacement, -1 where it is prescribed
     plate: int  # the equation of the plate's axial displacement, -1 without a plate
-    # size, bandwidth: number of equations and of sub-diagonals
-    size: int
+    size: int  # with bandwidth: number of equations and of sub-diagonals
     bandwidth: int
 
     @property

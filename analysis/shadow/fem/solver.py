@@ -31,8 +31,7 @@ class Solution:
     """One state of equilibrium."""
 
     displacement_mm: FloatArray  # shape (n, 2), (u_r, u_z) of each node
-    # pressure_kpa, elongation_mm: the state's pressure and its plate's displacement (0 without a plate)
-    pressure_kpa: float
+    pressure_kpa: float  # with elongation_mm: the state's pressure and its plate's displacement (0 without a plate)
     elongation_mm: float
     tip_force_mn: float  # force on the plate that holds it there, mN, positive pulling; 0 when the plate is free
     iterations: int  # Newton steps taken, over all load steps

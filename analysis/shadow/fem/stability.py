@@ -35,8 +35,7 @@ class CriticalState:
     axisymmetric path); -1 where the walk ended, still stable.
     """
 
-    # pressure_kpa, elongation_mm: the last stable state found
-    pressure_kpa: float
+    pressure_kpa: float  # with elongation_mm: the last stable state found
     elongation_mm: float
     wave_number: int
 

@@ -72,8 +72,7 @@ MESH_ERROR_MM, MESH_ERROR_PERCENT = 0.0058, 0.8
 FITTED_KPA = (-40.0, 50.0)
 _WORST_CONDITION = 1e9
 """Condition number of the scaled tangent at rest: Newton's method met its tolerance at 4e8 and no longer at 3e9."""
-HIDDEN_SHARE = 1e-3
-"""Rounding of the forces, as a share of the force of 1 kPa, that still leaves a result."""
+HIDDEN_SHARE = 1e-3  # rounding of the forces, as a share of the force of 1 kPa, that still leaves a result
 
 
 def actuator_problem(parameters: ActuatorParameters, mesh: Mesh, points_a_side: int = 2) -> Problem:

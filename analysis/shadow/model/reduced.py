@@ -19,8 +19,7 @@ from protocol.base.errors import RequestError
 class TableSettings:
     """Resolution of the table, up to `highest_pressure_kpa`, down to a little short of the critical pressure."""
 
-    # pressures, elongations: Chebyshev points along each side
-    pressures: int = 7
+    pressures: int = 7  # with elongations: Chebyshev points along each side
     elongations: int = 7
     modes: int = 8
     held_out: int = 64  # full solutions, not used for the table, that its error is measured on
@@ -32,20 +31,16 @@ class TableSettings:
 class ReducedModel:
     """The table."""
 
-    # pressure_range_kpa, elongation_range_mm: shape (2,), the rectangle
-    pressure_range_kpa: FloatArray
+    pressure_range_kpa: FloatArray  # with elongation_range_mm: shape (2,), the rectangle
     elongation_range_mm: FloatArray
-    # mean, shapes: shape (2 nodes,), mm, and (2 nodes, modes), mm per unit amplitude
-    mean: FloatArray
+    mean: FloatArray  # with shapes: shape (2 nodes,), mm, and (2 nodes, modes), mm per unit amplitude
     shapes: FloatArray
     # amplitudes, force: (pressures, elongations, modes) and (pressures, elongations), Chebyshev coefficients, mm and mN
     amplitudes: FloatArray
     force: FloatArray
-    # tracked_mean, tracked_shapes: the same for the seven points, (14,) and (14, modes)
-    tracked_mean: FloatArray
+    tracked_mean: FloatArray  # with tracked_shapes: the same for the seven points, (14,) and (14, modes)
     tracked_shapes: FloatArray
-    # nominal_mm, nominal_sd_mm: Chebyshev coefficients of x_nom(p) and of its standard uncertainty
-    nominal_mm: FloatArray
+    nominal_mm: FloatArray  # with nominal_sd_mm: Chebyshev coefficients of x_nom(p) and of its standard uncertainty
     nominal_sd_mm: FloatArray
     nominal_kpa: FloatArray  # Chebyshev coefficients of p_nom(x)
     errors_mm: FloatArray  # (modes,), greatest error of a held-out state's tracked point with 1, 2, ... modes

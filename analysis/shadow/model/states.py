@@ -39,8 +39,7 @@ class GuideStates:
     """The fifteen states."""
 
     curves_mm: FloatArray  # shape (15, 2, n, 2), (x, z)
-    # pressure_kpa, elongation_mm: shape (15,)
-    pressure_kpa: FloatArray
+    pressure_kpa: FloatArray  # with elongation_mm: shape (15,)
     elongation_mm: FloatArray
     parameters: str  # hash of the actuator's parameters
 

@@ -13,15 +13,12 @@ from scipy import optimize, stats
 
 from protocol.base.arrays import BoolArray, FloatArray
 
-REFERENCE = 0.5
-CLIP = 4.0
-_FEWEST = 3
-"""k in standard deviations; the greatest |z|; healthy values before the first test."""
-SPENT = 8
-"""Cycles of history that a self-starting sum loses to its own scatter, found by simulation (map alarms-shift)."""
-FEWEST_FOR_CORRELATION = 20
-CORRELATED = 0.5
-"""A shorter history, or one whose neighbours correlate by more than so many 1/sqrt(n), counts as dependent."""
+REFERENCE = 0.5  # k in standard deviations
+CLIP = 4.0  # the greatest |z|
+_FEWEST = 3  # healthy values before the first test
+SPENT = 8  # cycles of history that a self-starting sum loses to its own scatter, found by simulation (map alarms-shift)
+FEWEST_FOR_CORRELATION = 20  # a shorter history counts as dependent
+CORRELATED = 0.5  # of neighbours, in 1/sqrt(n): more counts as dependent
 
 
 def cycles_between_alarms(threshold: float | FloatArray) -> FloatArray:

@@ -67,9 +67,8 @@ def find_interference(time_s: FloatArray, values: FloatArray, columns: FloatArra
     return best if found > 2.0 * variance * np.log(len(grid) / _BY_CHANCE) else Interference()
 
 
-_STEPS = 48
-KNOWN_SHARE = 0.97
-"""Equal steps of pressure a branch of the loop; a step known by less than this share is left out."""
+_STEPS = 48  # equal steps of pressure a branch of the loop
+KNOWN_SHARE = 0.97  # a step known by less than this share is left out
 LEARNING_S, MEMORY_S, BLOCK_S = 80.0, 400.0, 0.5
 """Time over which the loop is learnt, the interference is searched, and samples are averaged for the search."""
 FEWEST_SAMPLES = 10
@@ -87,8 +86,7 @@ def second_branch(pressure_kpa: FloatArray) -> BoolArray:
 class HealthyLoop:
     """Residual of a healthy cycle against pressure."""
 
-    # low_kpa, step_kpa: lower end and width of the steps of pressure
-    low_kpa: float
+    low_kpa: float  # with step_kpa: lower end and width of the steps of pressure
     step_kpa: float
     # pressure_kpa, residual_kpa: means of the steps of each branch; NaN where a step is not known throughout
     pressure_kpa: tuple[FloatArray, FloatArray]

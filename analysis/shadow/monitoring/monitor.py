@@ -41,8 +41,7 @@ _BRINGS: dict[ActuatorFault, tuple[ActuatorFault, ...]] = {
     "sensor disagreement": ("softening", "stiffening", "drift", "leak"),
 }
 """The other faults whose figures a fault moves too."""
-LIKELY = 0.5
-"""A fault whose sum is above this share of the threshold is named as a possible cause of another alarm."""
+LIKELY = 0.5  # a fault whose sum is above this share of the threshold is named as a possible cause of another alarm
 
 NOT_INDEPENDENT = "more often if cycles are correlated; the preceding ones are, or are too few to decide"
 
@@ -67,8 +66,7 @@ class Alarm:
     figure: str
     unit: str
     shift: float  # how far the figure has moved from its healthy history, in `unit`
-    # since_cycle, cycle: first cycle of the change, and the cycle in which it was found (from 1)
-    since_cycle: int
+    since_cycle: int  # with cycle: first cycle of the change, and the cycle in which it was found (from 1)
     cycle: int
     healthy_cycles: float  # a healthy actuator shows this once in so many cycles
     may_follow_from: tuple[ActuatorFault, ...] = ()

@@ -30,12 +30,10 @@ _OF_ALARM = ("since_cycle", "cycle", "figure", "shift", "unit", "healthy_cycles"
 class Replay:
     """A recording compared with the shadow; `smallest_shift` would have raised an alarm at its end."""
 
-    # time_s, pressure_kpa, elongation_mm: shape (n,), the recording (mean of the sensors)
-    time_s: FloatArray
+    time_s: FloatArray  # with pressure_kpa, elongation_mm: shape (n,), the recording (mean of the sensors)
     pressure_kpa: FloatArray
     elongation_mm: FloatArray
-    # deviation_mm, residual_kpa: shape (n,), NaN where unknown
-    deviation_mm: FloatArray
+    deviation_mm: FloatArray  # with residual_kpa: shape (n,), NaN where unknown
     residual_kpa: FloatArray
     band_mm: FloatArray  # shape (n,), standard uncertainty of nominal elongation from E
     cycle_start_s: FloatArray  # shape (cycles,)

@@ -12,12 +12,10 @@ from analysis.shadow.monitoring.monitor import HEALTHY_CYCLES_BETWEEN_ALARMS, NO
 from analysis.studies.failure_maps.sweep import Axis, Study, StudyResult
 from protocol.base.arrays import FloatArray
 
-SUMS = 10
-"""One-sided sums that share the stated rate of false alarms."""
+SUMS = 10  # one-sided sums that share the stated rate of false alarms
 RUNS, _CYCLES = 800, 250
 SHIFTED_RUNS, _AFTER = 200, 300
-NORMAL = 1e9
-"""Degrees of freedom of Student's t that make it normal."""
+NORMAL = 1e9  # degrees of freedom of Student's t that make it normal
 
 
 def healthy(degrees: float, correlation: float, cycles: int, runs: int) -> FloatArray:

@@ -180,8 +180,7 @@ def off_percent(figure: Figure | None, name: str, truth: float) -> float:
 
 
 TRUTH = "full scale, sensitivity and hysteresis of the formula that made the run"
-_TOLERANCE = 0.5
-"""% FSO; a tenth of the hysteresis that is measured."""
+_TOLERANCE = 0.5  # % FSO; a tenth of the hysteresis that is measured
 
 
 def noisy(noise_kpa: float, dwell_s: float, *, readings: bool) -> StudyResult:

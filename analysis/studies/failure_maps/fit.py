@@ -28,8 +28,7 @@ SENSOR_NOISE_MV = PUBLISHED_NOISE_MV[0]
 SURE = 0.999
 _DRAWS = 21
 READINGS = 1000
-_ROUNDING = 1e-6
-"""Relative to the span of y: what the fit may lose without a warning."""
+_ROUNDING = 1e-6  # relative to the span of y: what the fit may lose without a warning
 
 
 def warned(fit: Calibration) -> list[str]:

@@ -21,8 +21,7 @@ from analysis.studies.failure_maps.sweep import Axis, Study, StudyResult, joined
 from protocol.base.arrays import FloatArray
 
 INNER_MM, OUTER_MM, MODULUS_KPA, LOAD_KPA = 3.0, 9.0, 1000.0, 0.1
-_SIDE = 4
-"""Elements across and along the cylinder's wall."""
+_SIDE = 4  # elements across and along the cylinder's wall
 
 
 def cylinder_mesh(distortion: float) -> Mesh:

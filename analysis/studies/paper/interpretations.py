@@ -206,8 +206,7 @@ def _read(content: dict[str, Any]) -> Outcome:
 class Influence:
     """Effect of one change on the ranking, with more rays."""
 
-    # axis, value: the choice that differs from the default reading's
-    axis: str
+    axis: str  # with value: the choice that differs from the default reading's
     value: str
     correlation: float  # Spearman's, of P over the designs that both have, against the default reading
 

@@ -34,8 +34,7 @@ _FRONT = "front: least error for the time"
 _CHOICE = f"the rule's choice: cheapest accepted,\nor the default within {TIE:g} times its time"
 Place = tuple[float, float]
 _FEW_DECADES = 2.0
-DECADES_BELOW = 4.5
-"""Errors further below the tolerance are drawn on the lower edge."""
+DECADES_BELOW = 4.5  # errors further below the tolerance are drawn on the lower edge
 
 
 def method_chart(measured: Measured, where: str) -> Figure:

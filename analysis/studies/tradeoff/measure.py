@@ -21,15 +21,11 @@ from analysis.fidelity import LEVELS, MARGINS, Fidelity, Level, fidelity
 from analysis.progress import Progress
 from analysis.studies.harness import run_all
 
-MARGIN = MARGINS["normal"]
-"""An error counts as below a tolerance when it is below it by this factor."""
-TIE = 1.3
-"""Costs within this factor are the same: repeats on a busy machine differ by as much."""
-SHORTEST_S = 2e-3
-"""A call shorter than this is repeated until it is as long, and the time divided."""
+MARGIN = MARGINS["normal"]  # an error counts as below a tolerance when it is below it by this factor
+TIE = 1.3  # costs within this factor are the same: repeats on a busy machine differ by as much
+SHORTEST_S = 2e-3  # a call shorter than this is repeated until it is as long, and the time divided
 REPEATS, QUICK_REPEATS, _FEWEST = 7, 2, 3
-LONGEST_S = 20.0
-"""Repeats end here once there are `_FEWEST`."""
+LONGEST_S = 20.0  # repeats end here once there are `_FEWEST`
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,10 +19,8 @@ from analysis.studies.tradeoff.references import load
 from protocol.base.arrays import FloatArray
 
 Elements = tuple[int, int, int]
-READING_MM = 0.5 / 12**0.5
-"""Standard uncertainty of an elongation read on the scale (METHODS.md of the analysis)."""
-TRACKED_MM = 3.8e-3
-"""0.1 % of the greatest displacement of a tracked point, the reduced model's guarantee."""
+READING_MM = 0.5 / 12**0.5  # standard uncertainty of an elongation read on the scale (METHODS.md of the analysis)
+TRACKED_MM = 3.8e-3  # 0.1 % of the greatest displacement of a tracked point, the reduced model's guarantee
 DEFAULT: Elements = ActuatorParameters().elements
 MESHES: tuple[Elements, ...] = (
     (4, 1, 2), (6, 2, 3), (8, 2, 4), (12, 2, 4), (12, 3, 6), DEFAULT, (24, 2, 4), (16, 4, 8),

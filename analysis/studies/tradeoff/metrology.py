@@ -23,8 +23,7 @@ from analysis.studies.tradeoff.measure import REPEATS, Method, Setting
 from protocol.base.arrays import FloatArray
 
 _CUBIC, _NOISE_MV = Polynomial(SENSORS[0].coefficients), published.NOISE_MV[0]
-ROUND_TRIP_MM = 1e-10
-"""Guaranteed for mV -> mm, so that replay and export return what was measured."""
+ROUND_TRIP_MM = 1e-10  # guaranteed for mV -> mm, so that replay and export return what was measured
 NEWTON = "Newton"
 _CYCLES = 8
 _SIGNALS = 20_000

@@ -31,8 +31,7 @@ CLOSED = "closed form, reading error left out"
 SIZES = ((32, 2_000), (64, 4_000), (128, 8_000), (128, 32_000))
 """Walkers and effective samples; a converged chain is 60 autocorrelation times of each walker, so that fewer samples
 take fewer walkers."""
-TOO_SHORT = (250, 500, 1_000)
-"""Steps that end the default's chain early."""
+TOO_SHORT = (250, 500, 1_000)  # steps that end the default's chain early
 
 
 @cache

@@ -28,8 +28,7 @@ from protocol.base.arrays import FloatArray
 
 PHASES = (-0.4, -0.27, -0.13, 0.01, 0.12, 0.26, 0.39)
 MANY = 2_500
-MOST_FOR_ALL_STATES = 100_000
-"""More rays are followed in one state only: the others would add time, not information."""
+MOST_FOR_ALL_STATES = 100_000  # more rays are followed in one state only: the others would add time, not information
 
 
 @cache

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -34,14 +34,6 @@ def record(
     ramp: Annotated[float | None, typer.Option(help="Ramp, kPa/s, in place of the plan's.", min=0.01)] = None,
     elongation: Annotated[Path | None, typer.Option(help="CSV of readings: pressure_kpa,elongation_mm.")] = None,
     uncertainty: UncertaintyOption = None,
-    repeatability: Annotated[
-        float | None,
-        typer.Option(
-            metavar="PERCENT",
-            help="End a plan without plateaus once drift per 100 cycles and repeatability are known to this (95 %), "
-            "% FSO.",
-        ),
-    ] = None,
     out: Annotated[
         Path | None, typer.Option(help="Recording to write, or a template: '{unit}_{plan}_{number}'.")
     ] = None,
@@ -72,8 +64,10 @@ def record(
 
     Example: boat-daq record --port /dev/ttyACM0 --plan calibration --unit SA1 --out SA1.boat
     """
-    ends: dict[str, float | None] = {"staircase": uncertainty, "continuous": repeatability}
-    _check_asked(ends)
+    from analysis.stopping.requirement import check_asked
+
+    if uncertainty is not None:
+        check_asked(uncertainty, "mm")
     from boat_daq.engine.session.reading_sources import read_elongation_csv
     from boat_daq.workflows.run_session import SessionRequest, run_session
 
@@ -83,7 +77,7 @@ def record(
     changes = {name: value for name, value in values.items() if value is not None}
     begun = None if resume is not None else chosen_plan(plan, changes)
     if resume is None:
-        _check_kind(begun, ends)
+        _check_kind(begun, uncertainty)
     if uncertainty is not None and elongation is None and camera is None:
         raise typer.BadParameter("needs --elongation or --camera", param_hint="--uncertainty")
     readings = read_elongation_csv(elongation) if elongation is not None else None
@@ -95,11 +89,11 @@ def record(
         unit=unit,
         duration_s=duration,
         metadata={"operator": operator, "unit": unit, "note": note},
-        uncertainty=uncertainty if repeatability is None else repeatability,
+        uncertainty=uncertainty,
     )
     if resume is not None:
         request = request.resuming(broken_run(resume, plan, changes, unit=unit))
-        _check_kind(request.plan, ends)
+        _check_kind(request.plan, uncertainty)
     enter = None
     if elongation is not None and readings is not None:
         enter = _entry(elongation, readings, request, growing=uncertainty is not None)
@@ -113,10 +107,6 @@ def record(
         raise typer.Exit(1)
 
 
-END_OPTIONS = {"staircase": "--uncertainty", "continuous": "--repeatability"}
-"""Options of the value that ends a run, by the kind of plan that has it."""
-
-
 def _camera_opener(camera: str, unit: str) -> Callable[[Session], CameraChannel]:
     """Return what opens the camera; one that cannot be is refused now, before the board is opened."""
     from boat_daq.workflows.camera_tracking import camera_choice, open_channel
@@ -126,31 +116,14 @@ def _camera_opener(camera: str, unit: str) -> Callable[[Session], CameraChannel]
     return partial(open_channel, choice=choice)
 
 
-def _check_asked(given: Mapping[str, float | None]) -> None:
-    """Refuse two ends of a run, and values that are no number above 0; `given` is the value for each kind of plan."""
-    from analysis.stopping.requirement import check_asked
-
-    for kind, unit in (("staircase", "mm"), ("continuous", "% FSO")):
-        asked = given[kind]
-        if asked is not None:
-            check_asked(asked, unit)
-    if None not in given.values():
-        raise typer.BadParameter("use either --uncertainty or --repeatability", param_hint="--uncertainty")
-
-
-def _check_kind(plan: Plan | None, given: Mapping[str, float | None]) -> None:
-    """Refuse an end by a value that plans of this kind do not have; `given` is the value for each kind."""
-    kind = None if plan is None else plan.kind
-    for only, asked in given.items():
-        if asked is None or kind == only:
-            continue
-        if kind is None:
-            what = "without one there is nothing to end"
-        else:
-            cause = ": it has no plateaus to read" if only == "staircase" and kind == "continuous" else ""
-            remedy = f"; use {END_OPTIONS[kind]}" if kind in END_OPTIONS else ""
-            what = f"this one is {kind}{cause}{remedy}"
-        raise typer.BadParameter(f"is of {only} plans, {what}", param_hint=END_OPTIONS[only])
+def _check_kind(plan: Plan | None, uncertainty: float | None) -> None:
+    """Refuse U as the end of a plan that has none."""
+    if uncertainty is None or (plan is not None and plan.kind == "staircase"):
+        return
+    what = "without one there is nothing to end" if plan is None else f"this one is {plan.kind}"
+    if plan is not None and plan.kind == "continuous":
+        what += ": it has no plateaus to read; set end_percent_fso in its file"
+    raise typer.BadParameter(f"is of staircase plans, {what}", param_hint="--uncertainty")
 
 
 def _entry(

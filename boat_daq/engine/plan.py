@@ -104,6 +104,7 @@ class Plan:
     arrival_timeout_s : time allowed beyond the ramp's own until the pressure has arrived.
     reading_timeout_s : longest wait at a plateau for its reading, where readings are waited for.
     quantity : quantity of a profile's values, "kPa" or "mm".
+    end_percent_fso : half width of the 95 % intervals of drift and repeatability that ends a continuous run; 0: none.
     """
 
     name: str
@@ -125,6 +126,7 @@ class Plan:
     arrival_timeout_s: float = 10.0
     reading_timeout_s: float = 600.0
     quantity: str = "kPa"
+    end_percent_fso: float = 0.0
     segments: tuple[Segment, ...] = ()
     loops: tuple[Loop, ...] = ()
 
@@ -293,7 +295,8 @@ def _check(plan: Plan) -> None:
     for key in ("ramp_kpa_per_s", "tolerance_kpa", "window_s", "max_dwell_s", "arrival_timeout_s", "step_kpa"):
         if not getattr(plan, key) > 0:
             raise BadValue(where, key, f"must be above 0, not {getattr(plan, key)}")
-    for key in ("settling_s", "min_dwell_s", "pressure_drift_kpa_per_s", "signal_drift_mv_per_s", "reading_timeout_s"):
+    durations = ("settling_s", "min_dwell_s", "reading_timeout_s")
+    for key in (*durations, "pressure_drift_kpa_per_s", "signal_drift_mv_per_s", "end_percent_fso"):
         if not getattr(plan, key) >= 0:
             raise BadValue(where, key, f"must not be negative, not {getattr(plan, key)}")
     for low, high in (("low_kpa", "high_kpa"), ("min_kpa", "max_kpa")):
@@ -313,6 +316,8 @@ def _check(plan: Plan) -> None:
 
 def _check_profile(plan: Plan, where: str) -> None:
     """Refuse by key segments that make no profile, or segments of another kind of plan."""
+    if plan.end_percent_fso and plan.kind != "continuous":
+        raise BadValue(where, "end_percent_fso", "is of plans without plateaus only")
     if plan.quantity not in QUANTITIES:
         raise BadValue(where, "quantity", f"is {plan.quantity!r:.40}", "use one of " + ", ".join(QUANTITIES))
     if plan.kind != "profile":

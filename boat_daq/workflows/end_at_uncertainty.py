@@ -89,9 +89,12 @@ class EnoughCycles:
         self.known, self.ended_by, self.unknown = None, None, ""
 
     def asked_of(self, plan: Plan | None) -> tuple[float, str] | None:
-        """Return the uncertainty at which a run of a plan ends, and its unit; None where it runs all cycles."""
-        unit = UNIT_OF_REQUIREMENT.get(plan.kind, "") if plan is not None else ""
-        return (self.asked[unit], unit) if unit in self.asked else None
+        """Return the uncertainty asked for, else the plan's own, and its unit; None where a run has all its cycles."""
+        if plan is None:
+            return None
+        unit = UNIT_OF_REQUIREMENT.get(plan.kind, "")
+        asked = self.asked.get(unit, plan.end_percent_fso)
+        return (asked, unit) if asked else None
 
     def close(self) -> None:
         """End the process of an assessment."""

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from analysis.progress import Progress
-from analysis.stopping.requirement import UNIT_OF_REQUIREMENT, check_asked
 from boat_daq.engine.control.elongation import Regulator
 from boat_daq.engine.log import start_log
 from boat_daq.engine.plan import Plan
@@ -50,7 +49,7 @@ class SessionRequest:
     Attributes
     ----------
     max_u_mm : uncertainty (k = 2) of the elongation that ends the control of a plan in millimetres.
-    uncertainty : value at which the cycles are enough, mm of U or % FSO as in `EnoughCycles`; None runs all.
+    uncertainty : U of an elongation, mm, at which the cycles of a staircase are enough; None runs all.
     """
 
     port: str
@@ -108,9 +107,6 @@ def run_session(
     open_camera : opens the camera that reads the elongation; None without one.
     notify : takes each message, a line of text.
     """
-    unit = UNIT_OF_REQUIREMENT.get(request.plan.kind, "mm") if request.plan is not None else "mm"
-    if request.uncertainty is not None:
-        check_asked(request.uncertainty, unit)
     start_log("record")
     camera: CameraChannel | None = None
     enough: EnoughCycles | None = None
@@ -128,7 +124,7 @@ def run_session(
             shown = clear_latched_fault(session, seen, notify)
             vent_residual_pressure(session, notify)
             enough = EnoughCycles(session, partial(after_run or (lambda _: None), session), notify)
-            enough.ask(request.uncertainty, unit)
+            enough.ask(request.uncertainty, "mm")
             with contextlib.closing(enough):
                 _arm(session, request, request.plan)
                 _follow(session, request.plan, enough, MessagePrinter(notify, shown), progress_bar)

@@ -76,8 +76,8 @@ class EndAt:
     @property
     def text(self) -> str:
         """Return the value of that unit; empty where it is off."""
-        asked = self._enough.asked.get(self.unit)
-        return "" if asked is None else f"{asked:g}"
+        asked = self._enough.asked_of(self._sequence.plan)
+        return "" if asked is None else f"{asked[0]:g}"
 
     def enter(self, text: str) -> None:
         """Set the value of the chosen plan's unit from text; an empty one runs all cycles."""

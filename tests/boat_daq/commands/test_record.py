@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -43,19 +44,11 @@ def test_refusal_with_json_is_an_object(tmp_path: Path) -> None:
         (["--plan", "calibration", "--uncertainty", "0.08"], "needs --elongation or --camera"),
         (
             ["--plan", "repeatability", "--uncertainty", "0.08", "--camera", "0"],
-            "is of staircase plans, this one is continuous: it has no plateaus to read; use --repeatability",
+            "is of staircase plans, this one is continuous: it has no plateaus to read; set end_percent_fso",
         ),
-        (["--plan", "repeatability", "--uncertainty", "0.1"], "no plateaus to read; use --repeatability"),
         (["--plan", "step-test", "--uncertainty", "0.1"], "is of staircase plans, this one is profile"),
-        (["--plan", "calibration", "--uncertainty", "0.1", "--repeatability", "1"], "use either --uncertainty or"),
         (["--uncertainty", "0.08", "--camera", "0"], "without one there is nothing to end"),
-        (
-            ["--plan", "calibration", "--repeatability", "0.1"],
-            "is of continuous plans, this one is staircase; use --unc",
-        ),
-        (["--plan", "repeatability", "--repeatability", "0"], "an uncertainty of 0"),
-        (["--plan", "repeatability", "--repeatability", "-1"], "an uncertainty of -1"),
-        (["--plan", "repeatability", "--repeatability", "nan"], "give a number of % FSO above 0, as 0.5"),
+        (["--plan", "calibration", "--uncertainty", "0", "--camera", "0"], "an uncertainty of 0"),
         (["--plan", "calibration", "--uncertainty", "nan", "--camera", "0"], "give a number of mm above 0"),
     ],
 )
@@ -70,7 +63,7 @@ def test_an_end_that_a_plan_cannot_have_is_refused(tmp_path: Path, options: list
 @pytest.mark.parametrize(
     "command",
     [
-        ["record", "--plan", "repeatability", "--repeatability"],
+        ["record", "--plan", "calibration", "--uncertainty"],
         pytest.param(["demo", "--uncertainty"], marks=pytest.mark.nightly),
     ],
 )
@@ -90,7 +83,9 @@ def test_a_wrong_end_is_refused_at_once(command: list[str]) -> None:
 
 def test_a_run_that_ends_with_its_plan_states_what_it_reached(tmp_path: Path) -> None:
     """The last cycles are assessed too: too few for an interval, and no end at 0.5 % FSO."""
-    plan = ["--plan", "repeatability", "--cycles", "2", "--ramp", "40", "--repeatability", "0.5"]
+    own = tmp_path / "own.toml"
+    own.write_text(replace(built_in_plans()["repeatability"], end_percent_fso=0.5).to_toml())
+    plan = ["--plan", own, "--cycles", "2", "--ramp", "40"]
     with serve_in_thread(BoardSettings(speed=10.0)) as board:
         code, out, err = program("record", "--port", board.url, *plan, "--out", tmp_path / "run.boat", "--json")
     assert code == 0

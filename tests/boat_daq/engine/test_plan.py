@@ -86,6 +86,8 @@ def test_toml_round_trip(cycles: int, steps: int, ramp: float, dwell: float, kin
         ("name", '""', "characters"),
         ("min_dwell_s", "-1", "negative"),
         ("max_dwell_s", "1", "shorter"),
+        ("end_percent_fso", "-0.5", "negative"),
+        ("end_percent_fso", "0.5", "without plateaus"),
     ],
 )
 def test_a_bad_plan_is_refused_by_key(key: str, value: str, text: str) -> None:

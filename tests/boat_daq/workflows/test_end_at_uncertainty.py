@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
 from types import SimpleNamespace
@@ -39,7 +40,7 @@ class Done:
 def snapshot(complete: int, state: SessionState = SessionState.RUNNING) -> Any:
     """Return a snapshot of a run of five cycles of 100 s."""
     progress = SimpleNamespace(complete_cycles=complete, cycles=5, time_left_s=100.0 * (5 - complete))
-    plan = SimpleNamespace(kind="staircase", cycles=5)
+    plan = SimpleNamespace(kind="staircase", cycles=5, end_percent_fso=0.0)
     return SimpleNamespace(state=state, progress=progress, recording=Path("run.boat"), plan=plan)
 
 
@@ -202,7 +203,10 @@ def test_a_value_is_of_its_unit_alone(model: EnoughCycles, ended: list[str]) -> 
     assert model.asked_of(plans["calibration"]) == (0.08, "mm")
     assert model.asked_of(plans["repeatability"]) is None
     assert model.asked_of(plans["step-test"]) is None
+    own = dataclasses.replace(plans["repeatability"], end_percent_fso=0.3)
+    assert model.asked_of(own) == (0.3, "% FSO")
     model.ask(0.5, "% FSO")
+    assert model.asked_of(own) == (0.5, "% FSO")
     assert model.asked_of(plans["calibration"]) == (0.08, "mm")
     assert model.asked_of(plans["repeatability"]) == (0.5, "% FSO")
     armed = snapshot(0, SessionState.ARMED)

@@ -1,7 +1,8 @@
 """Figures over the cycles of a run: repeatability (ISO 5725), drift (Theil-Sen), each cycle's own, and warm-up.
 
-Warm-up are the first cycles, without a break, whose mean displacement from the second half of the run is beyond three
-robust standard deviations of that half and beyond a share of full scale that matters. It is named, not removed. Noise
+Warm-up are the first cycles, without a break, whose mean displacement from the second half of the run, and from the
+drift of that half continued, is beyond three robust standard deviations of it and beyond a share of full scale that
+matters. It is named, not removed. Noise
 lifts the hysteresis of one cycle, the largest of many differences, more than that of the mean loop; the lift follows
 from the scatter of the differences between the cycles. `weights` are [resamples, cycles] of the bootstrap.
 """
@@ -186,9 +187,7 @@ def figures_by_cycle(
     later = common[loops.n_cycles // 2 :]
     centre = float(np.median(later)) if later.size else float("nan")
     scale = 100.0 / full_scale_mv if full_scale_mv > 0 else float("nan")
-    matters = WARM_UP_PERCENT / scale
-    away = np.abs(common - centre) > max(WARM_UP_SIGMA * robust_sd(later), matters)
-    warm_up = int(np.argmin(away)) if later.size >= LEAST_LATER and not away.all() else 0
+    warm_up = _warm_up(common, np.asarray(loops.numbers, dtype=np.float64), WARM_UP_PERCENT / scale)
     own = np.where(loops.own, loops.signal_mv[sensor], np.nan)
     sensitivity, unit = cycle_sensitivities(loops, sensor)
     return FiguresByCycle(
@@ -196,6 +195,19 @@ def figures_by_cycle(
         scale * _centred(branch_mean(own), 0), scale * _centred(own, 1), sensitivity, unit, warm_up,
         scale * lift_of_maximum(loops.signal_mv[sensor]),
     )  # fmt: skip
+
+
+def _warm_up(means: FloatArray, numbers: FloatArray, least: float) -> int:
+    """Return how many first cycles are warm-up; `least` is the displacement that matters, in the unit of the means."""
+    half = means.size // 2
+    later = means[half:]
+    if later.size < LEAST_LATER or not np.isfinite(means).all():
+        return 0
+    slope = np.nan_to_num(theil_sen(numbers[half:], later)[0])
+    away = means - np.median(later)
+    beyond_drift = away - slope * (numbers - np.median(numbers[half:]))
+    outside = np.minimum(np.abs(away), np.abs(beyond_drift)) > max(WARM_UP_SIGMA * robust_sd(later), least)
+    return int(np.argmin(outside))
 
 
 def lift_of_maximum(signal: FloatArray) -> float:

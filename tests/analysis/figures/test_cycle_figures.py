@@ -13,6 +13,8 @@ from scipy import stats
 
 from analysis import Options, analyse
 from analysis.figures.cycle_figures import (
+    FiguresByCycle,
+    Trend,
     _pooled_and_worst,
     cycle_sensitivities,
     drift,
@@ -62,6 +64,20 @@ def test_repeatability_by_hand() -> None:
     for cycles, full_scale, reason in ((1, 50.0, Reason.FEW_CYCLES), (3, 0.0, Reason.NO_FULL_SCALE)):
         none = repeatability(loops_of(signal[:, :cycles]), 0, full_scale, WEIGHTS[:, :cycles])
         assert {figure.reason for figure in none.values()} == {reason}
+
+
+def test_noise_of_bins_is_taken_out_of_the_repeatability() -> None:
+    """0.5 mV of noise, of which levels have shares 0.4 and 2: variances 1 and 4 less 0.1 and 0.5 mV^2."""
+    signal = np.zeros((2, 3, 3))
+    signal[:, :, 0], signal[:, :, 1] = [-1.0, 0.0, 1.0], [-2.0, 0.0, 2.0]
+    signal[:, 1:, 2] = np.nan  # one cycle has this level: neither its spread nor its noise counts
+    loops = loops_of(100.0 + signal, noise_share=lambda _: np.tile([0.4, 2.0, 90.0], (2, 1)))
+    found = repeatability(loops, 0, 50.0, WEIGHTS, 0.5)
+    assert found["repeatability_percent_fso"].value == pytest.approx(2.0 * math.sqrt(2.5 - 0.3))
+    assert found["repeatability_worst_percent_fso"].value == pytest.approx(2.0 * math.sqrt(4.0 - 0.5))
+    assert found["repeatability_worst_percent_fso"].low <= found["repeatability_percent_fso"].low
+    two = repeatability(loops_of(signal[:, :2, :2]), 0, 50.0, np.ones((4, 2)))
+    assert two["repeatability_percent_fso"].value == pytest.approx(2.0 * math.sqrt((0.5 + 2.0) / 2.0))
 
 
 def test_repeatability_of_three_cycles_has_the_interval_of_two_degrees_of_freedom() -> None:
@@ -187,6 +203,86 @@ def test_warm_up_is_named_only_where_it_matters(offset_mv: float, warm_up: int) 
     moved = replace(run, signal_mv=run.signal_mv + np.where(cycle == cycle.min(), offset_mv, 0.0)[:, None])
     found = analyse(moved, options=QUICK)
     assert found.sensors[0].by_cycle.warm_up == warm_up
+
+
+def by_cycle(signal: np.ndarray, full_scale_mv: float, *noise: list[float]) -> FiguresByCycle:
+    """Return the figures by cycle of signals [2, cycles, levels] whose loops are 1 mV wide."""
+    parts = [np.asarray(part) for part in noise or ([], [], [])]
+    width = SimpleNamespace(per_cycle=np.ones(signal.shape[1]))
+    return figures_by_cycle(loops_of(signal, elongation_mm=None), 0, full_scale_mv, width, tuple(parts))
+
+
+def test_figures_of_each_cycle_by_hand() -> None:
+    """Three cycles lifted by 0, 3 and 5 mV, of 150 mV: each value by hand; one level is unknown in one branch."""
+    lift = np.array([0.0, 3.0, 5.0])
+    signal = np.broadcast_to(np.array([0.0, 60.0, 150.0]), (2, 3, 3)) + lift[:, None] + np.zeros((2, 1, 1))
+    signal = signal + np.array([-1.0, 1.0])[:, None, None]
+    found = by_cycle(signal, 150.0, [8.0, 18.0, 0.0], [2.0, 2.0, 0.0], [1.0, 2.0, 3.0])
+    assert found.hysteresis_percent_fso == pytest.approx(np.full(3, 100.0 / 150.0))
+    assert found.span_mv.tolist() == [150.0, 150.0, 150.0]
+    assert found.snr_db[:2] == pytest.approx(20.0 * np.log10([75.0, 50.0]))
+    assert np.isnan(found.snr_db[2])
+    assert found.displacement_percent_fso == pytest.approx((lift - 4.0) / 1.5)  # from the median of the last two
+    assert found.level_displacement_percent_fso == pytest.approx(np.tile((lift - lift.mean())[:, None] / 1.5, 3))
+    assert found.branch_displacement_percent_fso[1] == pytest.approx(found.level_displacement_percent_fso)
+    assert (found.sensitivity_unit, found.sensitivity.tolist()) == ("mV/kPa", [150.0 / 80.0] * 3)
+    assert by_cycle(signal[:, :, :2], 150.0).span_mv.tolist() == [60.0, 60.0, 60.0]
+    assert found.hysteresis_lift_percent_fso == pytest.approx(0.0, abs=1e-9)
+    assert found.warm_up == 0  # the later two differ as much
+    single = by_cycle(signal, 150.0, [2.0], [1.0], [1.0])
+    assert single.snr_db[0] == pytest.approx(20.0 * math.log10(150.0 / math.sqrt(2.0)))
+    assert np.isnan(by_cycle(signal, 150.0, [0.0], [9.0], [1.0]).snr_db[0])
+    for unknown in (0.0, math.nan):
+        assert np.isnan(by_cycle(signal, unknown).displacement_percent_fso).all()
+
+
+def test_warm_up_needs_two_later_cycles_and_an_offset_that_matters() -> None:
+    """Later cycles alike: a first one off by 0.11 % of 0.5 mV is warm-up, 0.09 % is none; three cycles are enough."""
+    for offset, cycles, warm_up in ((0.11, 4, 1), (0.09, 4, 0), (0.11, 3, 1), (0.11, 2, 0)):
+        signal = np.broadcast_to(np.array([0.0, 0.2, 0.5]), (2, cycles, 3)).copy()
+        signal[:, 0] += offset / 100.0 * 0.5
+        assert by_cycle(signal, 0.5).warm_up == warm_up, (offset, cycles)
+
+
+@pytest.mark.parametrize(("settling_mv", "warm_up"), [(0.0, 0), (30.0, 3)])
+def test_steady_drift_is_no_warm_up(settling_mv: float, warm_up: int) -> None:
+    """40 cycles drift by 0.5 mV each: no warm-up; 30, 21.5, 15.4 mV more are beyond 3 robust sd, 11.1 mV."""
+    number = np.arange(40.0)
+    means = 0.5 * number - settling_mv * np.exp(-number / 3.0) + 0.1 * np.cos(9.0 * number)
+    signal = np.broadcast_to(np.array([0.0, 60.0, 150.0]), (2, 40, 3)) + means[:, None]
+    assert by_cycle(signal, 150.0).warm_up == warm_up
+
+
+def test_lift_counts_levels_of_two_cycles() -> None:
+    """A level that one cycle has both branches of has no scatter; with two it has."""
+    signal = np.zeros((2, 2, 2))
+    signal[1] = [[1.0, 5.0], [3.0, np.nan]]
+    assert lift_of_maximum(signal) == lift_of_maximum(signal[:, :, :1]) != 0.0
+
+
+def test_trend_of_a_signal_is_its_regression_on_time() -> None:
+    """Slope and reach are those of scipy's regression of the means of four cycles; what is not significant is zero."""
+    time_s, noise = np.array([0.0, 10.0, 25.0, 30.0, 41.0]), np.array([0.3, -0.2, 0.1, -0.4, 0.2])
+    for slope, significant in ((0.5, True), (-0.5, True), (0.001, False)):
+        means = 100.0 + slope * time_s + noise
+        signal = np.broadcast_to(np.array([0.0, 60.0]), (2, 5, 2)) + means[:, None]
+        found, line = Trend.of(loops_of(signal), 0, time_s), stats.linregress(time_s, means)
+        expected = (line.slope, stats.t.ppf(0.975, 3) * line.stderr) if significant else (0.0, 0.0)
+        assert found.slope == pytest.approx(expected[0])
+        assert expected[1] <= found.reach + 1e-12 <= 2.0 * expected[1] + 1e-12  # wider if cycles depend on one another
+    assert Trend.of(loops_of(signal[:, :2]), 0, time_s[:2]) == Trend()
+    assert Trend.of(loops_of(signal), 0, np.zeros(5)) == Trend()
+    three = np.broadcast_to(np.array([0.0, 60.0]), (2, 3, 2)) + np.array([0.0, 1.0, 2.001])[:, None]
+    assert Trend.of(loops_of(three), 0, np.array([0.0, 0.1, 0.2])).slope == pytest.approx(10.0, rel=1e-3)
+
+
+@pytest.mark.parametrize(("cycles", "assumed"), [(29, True), (30, False)])
+def test_independence_of_few_cycles_is_an_assumption(cycles: int, assumed: bool) -> None:
+    """Below 30 cycles dependence is often not noticed, so the definition says what is assumed."""
+    signal = np.zeros((2, cycles, 3)) + np.random.default_rng(2).standard_normal(cycles)[:, None] + np.arange(3.0)
+    found = drift(loops_of(signal), 0, 2.0)
+    assert ("assumed to be independent" in found.definition) is assumed
+    assert found.reason is Reason.NONE
 
 
 def test_two_cycles_have_no_warm_up() -> None:

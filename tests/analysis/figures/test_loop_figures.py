@@ -19,8 +19,10 @@ from analysis.figures.loop_figures import (
     pressure_full_scale,
     pressure_nonlinearity,
     sensor_loop_width,
+    with_what_lies_between,
 )
 from analysis.segmentation.loops import LoopWidth
+from analysis.statistics import bootstrap_interval
 from tests.analysis.figures.by_hand import WEIGHTS, loops_of
 
 
@@ -73,6 +75,36 @@ def test_joint_hysteresis_is_the_estimate_s() -> None:
     one = joint_hysteresis(estimate, width(), 200.0, 1)
     assert (one.reason, one.note) == (Reason.NONE, "")
     assert joint_hysteresis(estimate, width(), 0.0, 5).reason is Reason.NO_FULL_SCALE
+    assert joint_hysteresis(estimate, width(), 0.5, 5).value == 600.0
+
+
+def test_joint_hysteresis_holds_what_lies_at_and_between_the_readings() -> None:
+    """Of 200 mV: 1.5 % where 1.1 % was read adds 0.4 % below in squares; a bound of 2 % between adds 0.5 % above."""
+    found = joint_hysteresis(LoopEstimate(3.0, 2.4, 5.0, at_levels=2.2, between=4.0), width(), 200.0, 5)
+    assert found.low == pytest.approx(1.5 - math.hypot(0.3, 0.4))
+    assert found.high == pytest.approx(2.5 + 0.5)
+    for low, expected in ((0.2, 0.0), (0.0, 0.0)):
+        assert joint_hysteresis(LoopEstimate(3.0, low, 5.0, at_levels=0.0), width(), 200.0, 5).low == expected
+    assert joint_hysteresis(LoopEstimate(3.0, -0.1, 5.0), width(), 200.0, 5).low == 0.0
+
+
+def test_hysteresis_over_pressure_holds_what_lies_between_levels() -> None:
+    """Branches 0, 3, 3, 0 mV apart at 0, 10, 20, 30 kPa: a concave loop may be 4.5 mV between, 2.25 % of 200 mV."""
+    level, apart = np.array([0.0, 10.0, 20.0, 30.0]), np.array([0.0, 3.0, 3.0, 0.0])
+    common = np.array([[5.0], [7.0], [9.0]]) + np.array([0.0, 50.0, 90.0, 99.0])
+    branches = np.stack([common, common + apart + np.array([[-1.0], [0.0], [1.0]])])
+    figure = Figure(1.5, "% FSO", 3, 1.2, 1.8)
+    assert with_what_lies_between(figure, level, branches, 200.0).high == pytest.approx(1.8 + 2.25 - 1.5)
+    assert with_what_lies_between(figure, level, branches, 200.0, 0.5).high == pytest.approx(1.8 + 2.25 - 0.5 - 1.5)
+    assert with_what_lies_between(figure, level, branches, 200.0, 2.0).high == 1.8
+    branches[0, 0, 1] = branches[1, 2, 1] = np.nan  # of this level the second cycle alone has both branches
+    branches[0, :, 3] = np.nan  # of this none: it does not count, and the last line goes on
+    of_one = with_what_lies_between(figure, level[:3], branches[:, :, :3], 200.0).high
+    assert with_what_lies_between(figure, level, branches, 200.0).high == pytest.approx(of_one)
+    assert of_one == pytest.approx(1.8 + 3.0 - 1.5, rel=0.05)  # 6 mV, where the first line goes on to the last level
+    for same, full_scale in ((figure, 0.0), (Figure.nothing("% FSO", Reason.NO_CYCLE, "none"), 200.0)):
+        assert with_what_lies_between(same, level, branches, full_scale) is same
+    assert with_what_lies_between(figure, level, np.stack([common, common + apart]), 0.5).high == pytest.approx(900.3)
 
 
 def test_noise_makes_a_loop_of_its_own() -> None:
@@ -116,8 +148,15 @@ def test_pressure_figures_of_a_parabola() -> None:
     assert (span.value, span.low, span.high) == pytest.approx((150.0, 150.0, 150.0))
     found = pressure_nonlinearity(loops_of(signal), 0, 150.0, WEIGHTS)
     assert (found.value, found.high) == pytest.approx((100.0 * 10.0 / 150.0,) * 2)
-    other = signal + np.array([0.0, -5.0, 5.0])[:, None] * [0.0, 1.0, 0.0]
-    assert pressure_nonlinearity(loops_of(other), 0, 150.0, WEIGHTS[1:]).value == pytest.approx(found.value)
+    lift = np.array([-5.0, 0.0, 5.0])  # of the middle level: each mV is two thirds of a mV from the line
+    other = pressure_nonlinearity(loops_of(signal + lift[:, None] * [0.0, 1.0, 0.0]), 0, 150.0, WEIGHTS)
+    drawn = 100.0 / 150.0 * np.abs(-10.0 + 2.0 / 3.0 * WEIGHTS @ lift / 3.0)
+    assert (other.low, other.high) == pytest.approx(bootstrap_interval(found.value, drawn, 3, positive=True))
+    again = pressure_nonlinearity(loops_of(signal + lift[:, None] * [0.0, 1.0, 0.0]), 0, 150.0, WEIGHTS[1:])
+    assert again.value == pytest.approx(found.value)
+    unknown = np.concatenate([signal, np.full((2, 3, 1), np.nan)], axis=2)
+    assert pressure_nonlinearity(loops_of(unknown), 0, 150.0, WEIGHTS).value == pytest.approx(found.value)
+    assert pressure_nonlinearity(loops_of(np.zeros((2, 0, 3))), 0, 150.0, np.zeros((4, 0))).reason is Reason.NO_CYCLE
     alone = pressure_nonlinearity(loops_of(signal[:, :1]), 0, 150.0, np.ones((4, 1)))
     assert (alone.value, alone.reason) == (pytest.approx(found.value), Reason.ONE_CYCLE)
     assert pressure_nonlinearity(loops_of(signal), 0, 0.0, WEIGHTS).void

@@ -8,11 +8,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from analysis import Options, Recording, analyse
 from analysis.calibration_export.verdict import verdict_of
 from analysis.figures.figure import Reason
-from analysis.figures.noise_figures import continuous_noise, noise_and_snr, staircase_noise
+from analysis.figures.noise_figures import continuous_noise, moving_noise, noise_and_snr, noise_course, staircase_noise
 from analysis.statistics import bootstrap_interval, resampling_weights
 from tests.analysis.boat_builder import Plant, Staircase
 from tests.analysis.figures.by_hand import WEIGHTS
@@ -46,6 +47,10 @@ def test_noise_that_agrees_by_chance_has_the_interval_of_its_samples() -> None:
     assert noise_and_snr(noise_parts(50.0, 50.0, 50.0), (1, 2, 3), math.nan, WEIGHTS)[1].reason is Reason.NO_CYCLE
     rounding = noise_and_snr(noise_parts(50.0, 50.0, 50.0), (1, 2, 3), 100.0, WEIGHTS, 1.0)[1]
     assert (rounding.value, rounding.reason) == (math.inf, Reason.NO_NOISE)
+    small = noise_and_snr(noise_parts(2e-15, 2e-15, 2e-15), (1, 2, 3), 100.0, WEIGHTS)[1]  # 6e-9 mV, by rounding
+    assert small.reason is Reason.NO_NOISE
+    single = (np.array([4.0]), np.array([1.0]), np.array([1.0]))
+    assert noise_and_snr(single, (1,), 100.0, np.ones((4, 1)))[0].value == 2.0
     empty = tuple(part[:0] for part in noise_parts(1.0, 1.0, 1.0))
     assert {one.reason for one in noise_and_snr(empty, (), 100.0, WEIGHTS)} == {Reason.NO_SAMPLES}
 
@@ -95,6 +100,79 @@ def test_noise_about_a_local_cubic_leaves_out_turns_gaps_and_damage() -> None:
     for few in (SimpleNamespace(used=[]), SimpleNamespace(used=used)):
         short = SimpleNamespace(n=10 if few.used else n, signal_mv=y[:, None], usable=usable, gaps=())
         assert [part.size for part in continuous_noise(short, few, 0)] == [0, 0, 0]
+
+
+@pytest.mark.parametrize(("period", "half", "noise_kpa"), [(2000, 15, 0.01), (2000, 15, 0.1), (400, 4, 0.01)])
+def test_samples_near_what_a_cubic_cannot_follow_count_nothing(period: int, half: int, noise_kpa: float) -> None:
+    """The rows that count, by fits of numpy in each window; a fit takes the closed form of a cubic's centre weight."""
+    n, row = 2 * period, np.arange(2 * period)
+    used = [
+        SimpleNamespace(first=k * period, turn=k * period + period // 2 - 9, last=(k + 1) * period - 1,
+                        number=3 * k + 4, rows=slice(k * period, (k + 1) * period))
+        for k in (0, 1)
+    ]  # fmt: skip
+    pressure = np.where(row % (period // 2) < period // 4, 10.0, 13.0) + 80.0 * row / n
+    unusable, gap = int(0.6 * period), int(1.65 * period)
+    usable = np.ones((n, 1), bool)
+    usable[unusable] = False
+    signal = np.random.default_rng(3).standard_normal((n, 1))
+    recording = SimpleNamespace(n=n, signal_mv=signal, usable=usable, gaps=(SimpleNamespace(row=gap),))
+    at = np.arange(-half, half + 1)
+    smooth = {r: np.polyval(np.polyfit(at, pressure[r + at], 3), 0) for r in range(half, n - half)}
+    far = {r for r in smooth if abs(pressure[r] - smooth[r]) > max(5.0 * noise_kpa, 0.005 * np.ptp(pressure))}
+    turns = [r for c in used for r in (c.first, c.turn, c.last)]
+    counted = np.array([
+        min(abs(r - t) for t in turns) > 2 * half + 1
+        and abs(r - unusable) > half
+        and not -half <= r - gap <= half + 1
+        and not any(r + d in far for d in at)
+        for r in row
+    ])  # fmt: skip
+    squares, dof, cycle = continuous_noise(recording, SimpleNamespace(used=used, noise_kpa=noise_kpa), 0, pressure)
+    centre = 3 * (3 * half**2 + 3 * half - 1) / ((2 * half + 3) * (2 * half + 1) * (2 * half - 1))
+    assert dof == pytest.approx([counted[c.rows].sum() * (1.0 - centre) for c in used])
+    assert cycle.tolist() == [4.0, 7.0]
+    left = [signal[r, 0] - np.polyval(np.polyfit(at, signal[r + at, 0], 3), 0) for r in row[counted]]
+    assert squares.sum() == pytest.approx(np.square(left).sum())
+
+
+def test_noise_of_moving_holds_is_about_a_parabola() -> None:
+    """On a parabola lies 3 times (-1, 2, 0, -2, 1), which no parabola follows: 90 with 2 degrees of freedom."""
+    at = np.arange(5.0)
+    hold = 4.0 - 2.0 * at + 0.7 * at**2 + 3.0 * np.array([-1.0, 2.0, 0.0, -2.0, 1.0])
+    signal = np.concatenate([[9.0], hold, [5.0], hold, [8.0, 1e4], hold[:3]])[:, None]
+    usable = np.ones(signal.shape, bool)
+    usable[13] = False  # the sample of 1e4
+
+    def plateau(first: int, last: int, *, void: str = "", branch: str = "loading") -> SimpleNamespace:
+        return SimpleNamespace(settled_first=first, last=last, void=void, branch=branch, cycle=2)
+
+    recording = SimpleNamespace(usable=usable, signal_mv=signal)
+    counted = (plateau(1, 5), plateau(7, 11), plateau(13, 16))  # of the third three samples are usable
+    found = moving_noise((*counted, plateau(1, 5, void="x"), plateau(1, 5, branch="")), 0, recording)
+    assert np.array(found) == pytest.approx(np.array([[90.0, 90.0], [2.0, 2.0], [2.0, 2.0]]))
+    usable[13] = True
+    signal[13] = hold[0] - 3.0
+    assert moving_noise(counted, 0, recording)[1].tolist() == [2.0, 2.0, 1.0]
+
+
+def test_noise_grows_over_x_where_the_f_test_says_so() -> None:
+    """Logarithms on a parabola give it back, relative to the rms; a slope just below the limit of F gives ones."""
+    x, grid = np.linspace(2.0, 5.0, 8), np.array([2.0, 3.1, 5.0])
+    variance, at_grid = (np.exp(0.3 + 0.8 * v - 0.4 * v**2) for v in (x, grid))
+    assert noise_course(x, variance, grid) == pytest.approx(np.sqrt(at_grid / variance.mean()))
+    assert noise_course(x[:6], variance[:6], grid) == pytest.approx(np.sqrt(at_grid / variance[:6].mean()))
+    assert noise_course(x[:5], variance[:5], grid).tolist() == [1.0, 1.0, 1.0]
+    assert noise_course(np.full(8, 3.0), variance, grid).tolist() == [1.0, 1.0, 1.0]
+    unknown = noise_course(np.append(x, np.nan), np.append(variance, 1.0), grid)
+    assert unknown == pytest.approx(noise_course(np.append(x, 9.0), np.append(variance, 0.0), grid))
+    u = np.linspace(-1.0, 1.0, 8)
+    other = np.polynomial.legendre.legval(u, [0, 0, 0, 1])
+    vander = np.vander(u, 3)
+    other -= vander @ np.linalg.lstsq(vander, other, rcond=None)[0]
+    limit = math.sqrt(2.0 * stats.f.isf(1e-3, 2, 5) / 5.0 * float(other @ other) / float(u @ u))
+    for times, grows in ((0.99, False), (1.01, True)):
+        assert bool(np.ptp(noise_course(x, np.exp(times * limit * u + other), grid))) is grows
 
 
 @pytest.mark.fault(42, how="a signal without noise", times=2)

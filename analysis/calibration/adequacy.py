@@ -25,11 +25,11 @@ from analysis.calibration.joint_fit import (
     SUSPECTED,
     CurveBasis,
     JointFit,
+    MonotoneSplineBasis,
     PolynomialBasis,
     joint_fit,
     loop_is_represented,
 )
-from analysis.calibration.monotone_spline import MonotoneSplineBasis
 from analysis.json_object import json_object
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import DataError

@@ -16,8 +16,7 @@ from scipy import stats
 
 from analysis.calibration.adequacy import Adequacy, expanded, judge_curve
 from analysis.calibration.curve_choice import SPLINE, USUAL_DEGREE
-from analysis.calibration.joint_fit import JointFit, PolynomialBasis, joint_fit, position_means
-from analysis.calibration.monotone_spline import MonotoneSplineBasis
+from analysis.calibration.joint_fit import JointFit, MonotoneSplineBasis, PolynomialBasis, joint_fit, position_means
 from analysis.calibration.quantised_x import Positions, gather
 from analysis.json_object import json_object
 from analysis.polynomial import LeastSquares, least_squares, with_coefficients

@@ -7,9 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from analysis.calibration.inverse import BEYOND_SIGMA, DISAGREEMENT_SIGMA
-from analysis.calibration_export.c_header import c_header, comment_text, template_of
+from analysis.calibration_export.c_header import USUAL_ERROR_MM, c_header, comment_text, table_csv, template_of
 from analysis.calibration_export.calibration_file import CalibrationFile
-from analysis.calibration_export.signal_table import USUAL_ERROR_MM, table_csv
 from protocol.base.errors import writing
 from protocol.base.units import in_a_name, in_signal_unit
 from protocol.base.whole_file import write_whole

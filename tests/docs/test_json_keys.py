@@ -21,9 +21,8 @@ from analysis.elongation_control.unit_file import TwinFile
 from analysis.optics.scene.curves import default_curves
 from analysis.shadow.model.states import GuideStates
 from analysis.signal_prediction.prediction import published_prediction
-from analysis.studies.paper.drawings import draw_states
 from analysis.studies.paper.numbers import shadow_rows
-from analysis.studies.paper.reproduction import PaperDrawing, PaperPart, write_reproduction
+from analysis.studies.paper.reproduction import PaperDrawing, PaperPart, draw_states, write_reproduction
 from boat_daq.cli import app
 from boat_daq.engine.simulator.server import BoardSettings, serve
 from tests.analysis.twin_unit import LAG, identified

@@ -9,9 +9,8 @@ import numpy as np
 from analysis.optics.scene.curves import default_curves
 from analysis.published import RANGE_MM
 from analysis.shadow.model.states import GuideStates
-from analysis.studies.paper.drawings import draw_states
 from analysis.studies.paper.numbers import shadow_rows
-from analysis.studies.paper.reproduction import TABLE, PaperDrawing, PaperPart, write_reproduction
+from analysis.studies.paper.reproduction import TABLE, PaperDrawing, PaperPart, draw_states, write_reproduction
 
 
 def test_the_page_has_a_line_a_row_and_its_drawings(tmp_path):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.calibration.monotone_spline import MonotoneSplineBasis
+from analysis.calibration.joint_fit import MonotoneSplineBasis
 
 Z = np.linspace(-1.0, 1.0, 401)
 

@@ -7,7 +7,7 @@ import pytest
 
 from analysis import fit_calibration
 from analysis.calibration.constrained_fit import through_zero
-from analysis.calibration.left_out import leave_out
+from analysis.calibration.general_fit import leave_out
 from tests.analysis.boat_builder import PAPER
 
 CUBIC = np.polynomial.Polynomial(PAPER[0])

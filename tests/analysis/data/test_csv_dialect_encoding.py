@@ -6,7 +6,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from analysis.data.text_encoding import encoding_of
+from analysis.data.csv_dialect import encoding_of
 
 ROWS = "".join(f"{i * 0.01:.2f};{50 - i * 0.1:.3f};{1650 + i:.2f}\r\n" for i in range(300))
 HEADERS = {

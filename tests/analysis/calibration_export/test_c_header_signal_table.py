@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from analysis.calibration_export.signal_table import signal_table, table_csv
+from analysis.calibration_export.c_header import signal_table, table_csv
 from protocol.base.errors import RequestError
 from tests.analysis.calibration_export.calibrations import expected, file_of
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from analysis import fit_calibration
-from analysis.calibration.residual_tests import (
+from analysis.calibration.general_fit import (
     chi_squared,
     explanation,
     residual_warnings,

@@ -19,6 +19,7 @@ from boat_daq.commands.options import (
     MapOption,
     NoMcmcOption,
     NoShadowOption,
+    ReadingsOption,
     RunArgument,
     SeedOption,
     TypeBOption,
@@ -30,27 +31,30 @@ if TYPE_CHECKING:
     from analysis.data.recording import Recording
     from analysis.figures.pipeline import Analysis
     from analysis.reports.document import Report
-    from boat_daq.workflows.camera_tracking import CameraChoice
+
+
+VideoOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="VIDEO|FILE.toml",
+        help="Video of the marks during this run, or a file with source (the video), mark_mm, u_mark_mm and lens.",
+    ),
+]
+SettledWithinOption = Annotated[
+    float, typer.Option(min=0.01, metavar="KPA", help="A plateau is settled within this pressure deviation.")
+]
 
 
 def analyze(
     run: RunArgument,
-    elongation: Annotated[Path | None, typer.Option(help="CSV of elongation readings, one row a plateau.")] = None,
-    video: Annotated[
-        str | None,
-        typer.Option(
-            metavar="VIDEO|FILE.toml",
-            help="Video of the marks during this run, or a file with source (the video), mark_mm, u_mark_mm and lens.",
-        ),
-    ] = None,
+    elongation: ReadingsOption = None,
+    video: VideoOption = None,
     mapping: MapOption = None,
     seed: SeedOption = 0,
     no_mcmc: NoMcmcOption = False,
     degree: DegreeOption = "3",
     x_resolution: XResolutionOption = None,
-    settled_within: Annotated[
-        float, typer.Option(min=0.01, metavar="KPA", help="A plateau is settled within this pressure deviation.")
-    ] = 1.0,
+    settled_within: SettledWithinOption = 1.0,
     settling: Annotated[float, typer.Option(min=0.0, metavar="S", help="Time of a hold before it is settled.")] = 0.5,
     limit: LimitOption = None,
     type_b: TypeBOption = None,
@@ -77,24 +81,14 @@ def analyze(
     limits = limits_of(limit)
     recording = load_recording(run, columns=column_map(mapping) or None)
     if video is not None:
-        from boat_daq.workflows.camera_tracking import camera_choice
-
-        choice = camera_choice(video, recording.unit)
-        recording, reason = _filmed(recording, run, choice, store=not no_store)
-        no_store |= bool(reason)
-        if reason:
-            notify(reason)
+        recording, stored = _filmed(recording, run, video, store=not no_store)
+        no_store |= not stored
     with progress_bar("Analysing") as advance:
         options = Options(
-            degree_of(degree),
-            seed=seed,
-            mcmc=not no_mcmc,
-            x_resolution_mm=x_resolution,
-            plateau=PlateauSettings(settled_within, settling),
-            fidelity=fidelity,
-            leave_out=leave_out,
+            degree_of(degree), seed=seed, mcmc=not no_mcmc, x_resolution_mm=x_resolution,
+            plateau=PlateauSettings(settled_within, settling), fidelity=fidelity, leave_out=leave_out,
             type_b=stated_contributions(recording, type_b),
-        )
+        )  # fmt: skip
         analysis = analyse(recording, elongation, options=options, progress=advance)
     conformity = conformity_json(analysis, limits)
     if not no_store:
@@ -108,8 +102,7 @@ def analyze(
         added = {"shadow": shadow, "conformity": conformity, "elongation_budget": budgets, "verdict": verdict.as_json()}
         emit_json(analysis.to_json() | added)
         return
-    show(verdict.sentence)
-    _show(analysis, limits)
+    _show(analysis, limits, verdict.sentence)
     if shadow is not None:
         _show_shadow(shadow)
 
@@ -132,26 +125,29 @@ def _shadow(analysis: Analysis) -> dict[str, Any] | None:
         return against_shadow(analysis, progress=advance).as_json()
 
 
-def _filmed(recording: Recording, run: Path, choice: CameraChoice, *, store: bool) -> tuple[Recording, str]:
-    """Return a recording with the elongations of a video of its run, and why the result is not stored."""
+def _filmed(recording: Recording, run: Path, video: str, *, store: bool) -> tuple[Recording, bool]:
+    """Return a recording with the elongations of a video of its run, and whether they are stored in it."""
     from analysis import load_recording
     from analysis.data.boat_file import is_boat_file, store_video
-    from boat_daq.workflows.camera_tracking import film
+    from boat_daq.workflows.camera_tracking import camera_choice, film
     from protocol.base.errors import BoatDaqError
 
+    choice = camera_choice(video, recording.unit)
     with progress_bar("Tracking") as advance:
         seen = film(recording, choice, advance)
     assert seen.camera is not None
     if not store or not is_boat_file(run):
-        return seen, "the result is not stored, nor are the readings of the video"
+        notify("the result is not stored, nor are the readings of the video")
+        return seen, False
     try:
         before = store_video(run, seen.camera, seen.meta["camera"])
     except BoatDaqError as error:
-        return seen, f"the readings of the video are not stored: {error.cause}. {error.remedy}"
+        notify(f"the readings of the video are not stored: {error.cause}. {error.remedy}")
+        return seen, False
     if before or recording.camera is not None:
         replaced = f"the video {before}, whose readings they replace" if before else "the camera, which stay stored"
         notify(f"from now on the readings of {choice.source} count before those of {replaced}")
-    return load_recording(run), ""
+    return load_recording(run), True
 
 
 def _show_shadow(shadow: Mapping[str, Any]) -> None:
@@ -166,13 +162,14 @@ def _show_shadow(shadow: Mapping[str, Any]) -> None:
         notify(f"alarm in cycle {alarm['cycle']}: {alarm['sentence']}")
 
 
-def _show(analysis: Analysis, limits: Mapping[str, float]) -> None:
+def _show(analysis: Analysis, limits: Mapping[str, float], verdict: str) -> None:
     from analysis.figures.acceptance import judge
     from analysis.figures.figure import void_sentences, with_interval
     from protocol.base.units import as_text, in_a_name
 
     content, sensors = analysis.to_json(), analysis.sensors
     cycles, ending = content["cycles"], f"_{in_a_name(content['signal_unit'])}"
+    show(verdict)
     show(
         f"{'SIMULATED  ' if content['simulated'] else ''}{analysis.recording.source}: "
         f"{content['duration_s']:.1f} s at {content['rate_hz']:.1f} Hz, "

@@ -16,48 +16,54 @@ if TYPE_CHECKING:
 _OF_CAMERA = "camera."  # begins a fault of the virtual camera
 
 
+TcpOption = Annotated[
+    str | None, typer.Option("--tcp", metavar="HOST:PORT", help="Serve on TCP; port 0 = any free one.")
+]
+UnitOption = Annotated[
+    str,
+    typer.Option(
+        help="SA1, SA2 or SA3; with the ending -falling, the signal falls with elongation; x1 to x4: sensors."
+    ),
+]
+FaultOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--fault",
+        metavar="NAME@SECONDS[:VALUE]|list",
+        help="Fault of the board or of its camera; `list` prints them; may be repeated.",
+    ),
+]
+VideoOption = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Video of a virtual camera to write: .mkv (lossless), .avi, .mp4."),
+]
+MjpegOption = Annotated[
+    int | None,
+    typer.Option(min=0, max=65535, metavar="PORT", help="Serve a virtual camera as MJPEG on this computer; 0 = any."),
+]
+CameraOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--camera",
+        metavar="KEY=VALUE",
+        help="Setting of the virtual camera: tilt_deg, distortion, noise_grey, texture, ...",
+    ),
+]
+
+
 def board(
     pty: Annotated[bool, typer.Option("--pty", help="Serve on a pseudo-terminal.")] = False,
-    tcp: Annotated[
-        str | None, typer.Option("--tcp", metavar="HOST:PORT", help="Serve on TCP; port 0 = any free one.")
-    ] = None,
+    tcp: TcpOption = None,
     speed: Annotated[float, typer.Option(min=1, max=1000, help="Board time over real time.")] = 1.0,
-    unit: Annotated[
-        str,
-        typer.Option(
-            help="SA1, SA2 or SA3; with the ending -falling, the signal falls with elongation; x1 to x4: sensors."
-        ),
-    ] = "SA1",
+    unit: UnitOption = "SA1",
     seed: Annotated[int, typer.Option(min=0, help="Seed of all noise.")] = 0,
-    fault: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--fault",
-            metavar="NAME@SECONDS[:VALUE]|list",
-            help="Fault of the board or of its camera; `list` prints them; may be repeated.",
-        ),
-    ] = None,
+    fault: FaultOption = None,
     truth: Annotated[Path | None, typer.Option(help="CSV to write with the noise-free values of each sample.")] = None,
     link: Annotated[Path | None, typer.Option(help="Symbolic link to make to the pseudo-terminal.")] = None,
     allow_remote: AllowRemoteOption = False,
-    video: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Video of a virtual camera to write: .mkv (lossless), .avi, .mp4."),
-    ] = None,
-    mjpeg: Annotated[
-        int | None,
-        typer.Option(
-            min=0, max=65535, metavar="PORT", help="Serve a virtual camera as MJPEG on this computer; 0 = any."
-        ),
-    ] = None,
-    camera: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--camera",
-            metavar="KEY=VALUE",
-            help="Setting of the virtual camera: tilt_deg, distortion, noise_grey, texture, ...",
-        ),
-    ] = None,
+    video: VideoOption = None,
+    mjpeg: MjpegOption = None,
+    camera: CameraOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Run a virtual board; the first line of standard output is its port. Ctrl-C ends it.

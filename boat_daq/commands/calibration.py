@@ -16,6 +16,7 @@ from boat_daq.commands.options import (
     LeaveOutOption,
     MapOption,
     RateOption,
+    ReadingsOption,
     RunArgument,
     one_of,
 )
@@ -30,25 +31,28 @@ _ROWS_AT_ONCE = 100_000
 _FORMATS = ("json", "c", "h", "matlab", "csv")
 
 
+FormatOption = Annotated[
+    str, typer.Option(callback=one_of(*_FORMATS), help="json, c (or h: a C99 header), matlab (Octave too) or csv.")
+]
+ToOption = Annotated[Path | None, typer.Option("--out", metavar="PATH", help="File to write; default standard output.")]
+TableErrorOption = Annotated[
+    float | None,
+    typer.Option(
+        "--table-error",
+        metavar="MM",
+        help="Bound on the error of a table: csv 0.001 by default; c becomes a table in single precision.",
+    ),
+]
+
+
 def calibration(
     run: RunArgument,
-    format: Annotated[
-        str, typer.Option(callback=one_of(*_FORMATS), help="json, c (or h: a C99 header), matlab (Octave too) or csv.")
-    ],
-    to: Annotated[
-        Path | None, typer.Option("--out", metavar="PATH", help="File to write; default standard output.")
-    ] = None,
-    elongation: Annotated[Path | None, typer.Option(help="CSV of elongation readings, one row a plateau.")] = None,
+    format: FormatOption,
+    to: ToOption = None,
+    elongation: ReadingsOption = None,
     degree: DegreeOption = "3",
     leave_out: LeaveOutOption = False,
-    table_error: Annotated[
-        float | None,
-        typer.Option(
-            "--table-error",
-            metavar="MM",
-            help="Bound on the error of a table: csv 0.001 by default; c becomes a table in single precision.",
-        ),
-    ] = None,
+    table_error: TableErrorOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Write the calibration of a run as data or as code: signals in, elongation and its uncertainty out.

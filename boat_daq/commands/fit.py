@@ -34,39 +34,38 @@ class _Points(NamedTuple):
         return _Points(self.x[rows], self.y[rows], u, positions, self.masked)
 
 
+UOption = Annotated[
+    str | None,
+    typer.Option("--u", metavar="COL", help="Column of the stated standard uncertainty of y, tested by chi-square."),
+]
+ThroughZeroOption = Annotated[bool, typer.Option("--through-zero", help="The curve passes through x = 0, y = 0.")]
+MonotoneOption = Annotated[bool, typer.Option("--monotone", help="The curve rises or falls over its whole range.")]
+LeaveOutOption = Annotated[
+    bool, typer.Option("--leave-out", help="Leave out points that are off the curve; each is listed.")
+]
+BandsOption = Annotated[bool, typer.Option("--bands", help="Add 68 and 95 % bands of the curve and of a new reading.")]
+XResolutionOption = Annotated[
+    float,
+    typer.Option(min=0.0, metavar="X", help="Resolution of x, in its unit; above 0 the posterior is sampled."),
+]
+PositionOption = Annotated[
+    str | None,
+    typer.Option(metavar="COL", help="Column that names the position of x: equal positions share one rounding error."),
+]
+
+
 def fit(
     file: Annotated[Path, typer.Argument(metavar="FILE.csv", help="A table of numbers.")],
     x: Annotated[str, typer.Option(metavar="COL", help="Column of x: its name, or its number from 1.")],
     y: Annotated[str, typer.Option(metavar="COL", help="Column of y.")],
     degree: Annotated[int, typer.Option(min=0, max=10, help="Degree of the polynomial.")] = 3,
-    u: Annotated[
-        str | None,
-        typer.Option(
-            "--u", metavar="COL", help="Column of the stated standard uncertainty of y, tested by chi-square."
-        ),
-    ] = None,
-    through_zero: Annotated[
-        bool, typer.Option("--through-zero", help="The curve passes through x = 0, y = 0.")
-    ] = False,
-    monotone: Annotated[
-        bool, typer.Option("--monotone", help="The curve rises or falls over its whole range.")
-    ] = False,
-    leave_out: Annotated[
-        bool, typer.Option("--leave-out", help="Leave out points that are off the curve; each is listed.")
-    ] = False,
-    bands: Annotated[
-        bool, typer.Option("--bands", help="Add 68 and 95 % bands of the curve and of a new reading.")
-    ] = False,
-    x_resolution: Annotated[
-        float,
-        typer.Option(min=0.0, metavar="X", help="Resolution of x, in its unit; above 0 the posterior is sampled."),
-    ] = 0.0,
-    position: Annotated[
-        str | None,
-        typer.Option(
-            metavar="COL", help="Column that names the position of x: equal positions share one rounding error."
-        ),
-    ] = None,
+    u: UOption = None,
+    through_zero: ThroughZeroOption = False,
+    monotone: MonotoneOption = False,
+    leave_out: LeaveOutOption = False,
+    bands: BandsOption = False,
+    x_resolution: XResolutionOption = 0.0,
+    position: PositionOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Fit a polynomial calibration to any two columns of a CSV.

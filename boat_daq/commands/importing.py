@@ -12,6 +12,7 @@ from boat_daq.commands.console import JsonOption, emit_json, notify, progress_ba
 from boat_daq.commands.options import (
     MapOption,
     RateOption,
+    ReadingsOption,
     RunArgument,
     one_of,
 )
@@ -132,7 +133,7 @@ def export(
         Path | None,
         typer.Option(metavar="FILE.json", help="Calibration for the elongation; default the run's own readings."),
     ] = None,
-    elongation: Annotated[Path | None, typer.Option(help="CSV of elongation readings, one row a plateau.")] = None,
+    elongation: ReadingsOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Write the samples of a run with their elongation: CSV with a JSON file of metadata, Parquet, HDF5, MAT, ROS 2.

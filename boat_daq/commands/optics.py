@@ -190,26 +190,13 @@ def trace(
         save(draw_scene(frame, design, guide, traced.light), out)
         notify(f"wrote {out}")
     outcome, used = traced.result, traced.light
-    result = {
-        **asdict(design),
-        "state": number,
-        "rays": used.rays,
-        "phase": used.phase,
-        "jitter": used.jitter,
-        "ndr": outcome.ndr,
-        "power": outcome.power,
-        "power_sd": outcome.power_sd,
-        "ledger": outcome.ledger,
-        "hits": outcome.hits,
-        "ndr_sd": outcome.ndr_sd,
-        "error": traced.error,
-        "tolerance": tolerance,
-        "work_rays": traced.work,
-        "energy": outcome.energy,
-        "secondaries": {"followed": outcome.granted, "refused": outcome.refused},
-        "order": used.order,
-        "index": guide.index,
-    }
+    result = asdict(design) | {
+        "state": number, "rays": used.rays, "phase": used.phase, "jitter": used.jitter, "ndr": outcome.ndr,
+        "power": outcome.power, "power_sd": outcome.power_sd, "ledger": outcome.ledger, "hits": outcome.hits,
+        "ndr_sd": outcome.ndr_sd, "error": traced.error, "tolerance": tolerance, "work_rays": traced.work,
+        "energy": outcome.energy, "secondaries": {"followed": outcome.granted, "refused": outcome.refused},
+        "order": used.order, "index": guide.index,
+    }  # fmt: skip
     if outcome.granted > used.rays:
         notify("most rays are reflected parts with next to no power: their number is no measure, use the power")
     if 1 < used.rays < FEWEST_RAYS:

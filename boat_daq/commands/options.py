@@ -25,6 +25,11 @@ def one_of(*choices: str) -> Callable[[str | None], str | None]:
 
 
 RunArgument = Annotated[Path, typer.Argument(metavar="RUN", help="A .boat file, or a CSV that `import` accepts.")]
+PortOption = Annotated[str, typer.Option("--port", help="Serial port, pty or socket://HOST:PORT.")]
+ProfileOption = Annotated[Path | None, typer.Option("--profile", help="Text profile (TOML) of other firmware.")]
+ReadingsOption = Annotated[
+    Path | None, typer.Option("--elongation", help="CSV of elongation readings, one row a plateau.")
+]
 RecordingArgument = Annotated[Path, typer.Argument(metavar="RUN", help="A recording (.boat).")]
 MapOption = Annotated[
     list[str] | None,

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from analysis.stopping.requirement import check_asked
 from boat_daq.commands.console import JsonOption, complete_cycles, emit_json, notify, progress_bar
-from boat_daq.commands.options import UncertaintyOption
+from boat_daq.commands.options import PortOption, ProfileOption, UncertaintyOption
 from boat_daq.engine.file_names import named, path_in
 
 if TYPE_CHECKING:
@@ -22,36 +23,38 @@ if TYPE_CHECKING:
     from boat_daq.engine.session.camera_channel import CameraChannel
     from boat_daq.engine.session.session import Session
     from boat_daq.workflows.run_session import SessionRequest
-    from protocol.recording.elongation_file import ElongationRow
+
+
+OutOption = Annotated[Path | None, typer.Option(help="Recording to write, or a template: '{unit}_{plan}_{number}'.")]
+CameraOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="SOURCE|FILE.toml",
+        help="Camera that reads the elongation: a number, http://, rtsp://, or a file with source, mark_mm, "
+        "u_mark_mm, lens and video.",
+    ),
+]
+ResumeOption = Annotated[
+    Path | None, typer.Option(metavar="FILE.boat", help="Resume the interrupted run of this recording.")
+]
 
 
 def record(
-    port: Annotated[str, typer.Option(help="Serial port, pty or socket://HOST:PORT.")],
-    profile: Annotated[Path | None, typer.Option(help="Text profile (TOML) of other firmware.")] = None,
+    port: PortOption,
+    profile: ProfileOption = None,
     plan: Annotated[str | None, typer.Option(help="calibration, repeatability, step-test, ... or a TOML file.")] = None,
     cycles: Annotated[int | None, typer.Option(help="Cycles, in place of the plan's.", min=1)] = None,
     dwell: Annotated[float | None, typer.Option(help="Shortest hold, s, in place of the plan's.", min=0)] = None,
     ramp: Annotated[float | None, typer.Option(help="Ramp, kPa/s, in place of the plan's.", min=0.01)] = None,
     elongation: Annotated[Path | None, typer.Option(help="CSV of readings: pressure_kpa,elongation_mm.")] = None,
     uncertainty: UncertaintyOption = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Recording to write, or a template: '{unit}_{plan}_{number}'.")
-    ] = None,
+    out: OutOption = None,
     operator: Annotated[str, typer.Option(help="Name of the operator.")] = "",
     unit: Annotated[str, typer.Option(help="Name of the unit: SA1 ...")] = "",
     note: Annotated[str, typer.Option(help="Note to store in the recording.")] = "",
     duration: Annotated[float | None, typer.Option(help="Without a plan: seconds to record.", min=0)] = None,
-    camera: Annotated[
-        str | None,
-        typer.Option(
-            metavar="SOURCE|FILE.toml",
-            help="Camera that reads the elongation: a number, http://, rtsp://, or a file with source, mark_mm, "
-            "u_mark_mm, lens and video.",
-        ),
-    ] = None,
-    resume: Annotated[
-        Path | None, typer.Option(metavar="FILE.boat", help="Resume the interrupted run of this recording.")
-    ] = None,
+    camera: CameraOption = None,
+    resume: ResumeOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Record a session: with a plan its pressure sequence is run, without one the samples are only recorded.
@@ -59,16 +62,10 @@ def record(
     Ctrl-C vents, closes the recording properly and exits 130. A run that was interrupted, by a crash or an unplugged
     board, is resumed in its own recording at its next whole cycle with --resume; board, unit and plan must be the same.
 
-    With --camera the elongation is read at every frame, and each plateau gets its reading from it. `camera marks`
-    writes the marks to print.
-
     Example: boat-daq record --port /dev/ttyACM0 --plan calibration --unit SA1 --out SA1.boat
     """
-    from analysis.stopping.requirement import check_asked
-
     if uncertainty is not None:
         check_asked(uncertainty, "mm")
-    from boat_daq.engine.session.reading_sources import read_elongation_csv
     from boat_daq.workflows.run_session import SessionRequest, run_session
 
     if resume is not None and (out is not None or duration is not None):
@@ -80,7 +77,6 @@ def record(
         _check_kind(begun, uncertainty)
     if uncertainty is not None and elongation is None and camera is None:
         raise typer.BadParameter("needs --elongation or --camera", param_hint="--uncertainty")
-    readings = read_elongation_csv(elongation) if elongation is not None else None
     request = SessionRequest(
         port=port,
         path=resume or _path(out, unit, plan or "", operator),
@@ -94,17 +90,13 @@ def record(
     if resume is not None:
         request = request.resuming(broken_run(resume, plan, changes, unit=unit))
         _check_kind(request.plan, uncertainty)
-    enter = None
-    if elongation is not None and readings is not None:
-        enter = _entry(elongation, readings, request, growing=uncertainty is not None)
+    enter = None if elongation is None else _entry(elongation, request, growing=uncertainty is not None)
     open_camera = None if camera is None else _camera_opener(camera, request.unit)
     summary, failure, at_end = run_session(request, enter, open_camera, notify=notify, progress_bar=progress_bar)
     if as_json:
         ended = {"failed": bool(failure), "failure": failure}
         emit_json({**dataclasses.asdict(summary), **ended, "end_uncertainty": at_end and dataclasses.asdict(at_end)})
     _report(summary, failure, request)
-    if failure:
-        raise typer.Exit(1)
 
 
 def _camera_opener(camera: str, unit: str) -> Callable[[Session], CameraChannel]:
@@ -126,9 +118,7 @@ def _check_kind(plan: Plan | None, uncertainty: float | None) -> None:
     raise typer.BadParameter(f"is of staircase plans, {what}", param_hint="--uncertainty")
 
 
-def _entry(
-    file: Path, readings: tuple[ElongationRow, ...], request: SessionRequest, *, growing: bool
-) -> Callable[[Session], None]:
+def _entry(file: Path, request: SessionRequest, *, growing: bool) -> Callable[[Session], None]:
     """Return the function that enters the readings of the plateaus reached.
 
     With `growing` the file grows while the plan is run. RequestError: as `check_against_plan`, where a run begins.
@@ -140,7 +130,7 @@ def _entry(
         readings_so_far,
     )
 
-    plan = request.plan
+    plan, readings = request.plan, read_elongation_csv(file)
     if plan is not None and request.broken is None and not growing:
         check_against_plan(readings, plan)
 
@@ -154,7 +144,7 @@ def _entry(
 
 
 def _report(summary: Summary, failure: str, request: SessionRequest) -> None:
-    """Print what was recorded, and how to resume a run that failed."""
+    """Print what was recorded; of a run that failed how to resume it, and exit with 1."""
     notify(
         f"{summary.path}: {summary.samples} samples in {summary.duration_s:.1f} s, {summary.lost_samples} lost, "
         f"{complete_cycles(summary.cycles.complete)}, {summary.readings} readings; "
@@ -164,6 +154,8 @@ def _report(summary: Summary, failure: str, request: SessionRequest) -> None:
         notify("the run did not end as planned (see above); the recording holds everything until then")
     if failure and request.plan is not None and summary.steps:
         notify(f"  to resume it at its next whole cycle: boat-daq record --resume {summary.path} --port {request.port}")
+    if failure:
+        raise typer.Exit(1)
 
 
 def broken_run(path: Path, plan: str | None, changes: dict[str, Any], *, unit: str) -> BrokenRun:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,13 +11,16 @@ import typer
 from typer.core import TyperCommand
 
 from boat_daq.commands.console import JsonOption, emit_json, notify, show
-from boat_daq.workflows.outlets import ADDRESS, HOLD_S
+from boat_daq.commands.options import PortOption, ProfileOption
+from boat_daq.workflows.outlets import ADDRESS, HOLD_S, NodeChoice
 from protocol.base.errors import RequestError
 
 if TYPE_CHECKING:
     from boat_daq.engine.outlets.lsl import LslOutlet
     from boat_daq.engine.outlets.secop_server import SecopServer
+    from boat_daq.engine.plan import Plan
     from boat_daq.engine.session.session import Session
+    from boat_daq.workflows.live_conversion import Conversion
 
 
 class ServeCommand(TyperCommand):
@@ -32,32 +36,39 @@ class ServeCommand(TyperCommand):
 COMMAND_CLASS = ServeCommand
 
 
+AllowControlOption = Annotated[
+    bool,
+    typer.Option("--allow-control", help="SECoP clients with the token may command."),
+]
+ListenOption = Annotated[
+    str, typer.Option(metavar="ADDRESS", help="Accept SECoP clients on this address; needs --token-file.")
+]
+PlansOption = Annotated[
+    Path | None, typer.Option(metavar="FOLDER", help="SECoP clients may arm the plans in its TOML files as well.")
+]
+TokenFileOption = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="Token that clients send; default one of this user's.")
+]
+HoldOption = Annotated[
+    float,
+    typer.Option(
+        "--hold-after-disconnect", metavar="S", min=0, help="Vent a pressure this long after its client left."
+    ),
+]
+
+
 def serve(
-    port: Annotated[str, typer.Option(help="Serial port, pty or socket://HOST:PORT.")],
-    profile: Annotated[Path | None, typer.Option(help="Text profile (TOML) of other firmware.")] = None,
+    port: PortOption,
+    profile: ProfileOption = None,
     unit: Annotated[str, typer.Option(help="Name of the unit: its limits hold, its calibration gives mm.")] = "",
     lsl: Annotated[bool, typer.Option("--lsl", help="Stream samples and markers over LSL, on this computer.")] = False,
     lsl_network: Annotated[bool, typer.Option("--lsl-network", help="The same, for other computers too.")] = False,
     secop: Annotated[str, typer.Option(metavar="[HOST:PORT]", help=f"Serve as a SECoP node; default {ADDRESS}.")] = "",
-    allow_control: Annotated[
-        bool,
-        typer.Option("--allow-control", help="SECoP clients with the token may command."),
-    ] = False,
-    listen: Annotated[
-        str, typer.Option(metavar="ADDRESS", help="Accept SECoP clients on this address; needs --token-file.")
-    ] = "",
-    plans: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="SECoP clients may arm the plans in its TOML files as well.")
-    ] = None,
-    token_file: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Token that clients send; default one of this user's.")
-    ] = None,
-    hold: Annotated[
-        float,
-        typer.Option(
-            "--hold-after-disconnect", metavar="S", min=0, help="Vent a pressure this long after its client left."
-        ),
-    ] = HOLD_S,
+    allow_control: AllowControlOption = False,
+    listen: ListenOption = "",
+    plans: PlansOption = None,
+    token_file: TokenFileOption = None,
+    hold: HoldOption = HOLD_S,
     record: Annotated[Path | None, typer.Option(metavar="FILE.boat", help="Record as well.")] = None,
     duration: Annotated[float | None, typer.Option(min=0, help="Seconds to serve; default until Ctrl-C.")] = None,
     as_json: JsonOption = False,
@@ -76,25 +87,15 @@ def serve(
     from boat_daq.engine.outlets.lsl import MARKERS, STREAM
     from boat_daq.engine.plan import built_in_plans, plans_in
     from boat_daq.engine.session.session import Session
-    from boat_daq.engine.settings import recordings_folder
     from boat_daq.workflows.live_conversion import conversion_in_force
-    from boat_daq.workflows.outlets import NodeChoice, open_node, open_streams
+    from boat_daq.workflows.outlets import open_streams
 
     start_log("serve")
     choice = NodeChoice(listen or secop or ADDRESS, allow_control, token_file, hold)
-    try:
-        host, _ = choice.host_and_port
-    except RequestError as error:
-        raise typer.BadParameter(error.cause, param_hint="--listen" if listen else "--secop") from error
+    _check_address(choice, "--listen" if listen else "--secop")
     armable = built_in_plans() if plans is None else plans_in(plans)
-    options: dict[str, Any] = {
-        "profile": str(profile) if profile else None,
-        "unit": unit,
-        "record_to": record,
-    }
-    with Session.open(port, **options) as session:
-        seen = session.wait(lambda s: session.live.ring is not None, 5.0)
-        if seen.simulated:
+    with Session.open(port, profile=str(profile) if profile else None, unit=unit, record_to=record) as session:
+        if session.wait(lambda _: session.live.ring is not None, 5.0).simulated:
             notify("SIMULATED: this is the virtual board")
         conversion, calibration = conversion_in_force(session, unit) if unit else (None, "no --unit is given")
         if conversion is None:
@@ -106,19 +107,39 @@ def serve(
                 outlet = open_streams(session, network=lsl_network, conversion=conversion, calibration_id=calibration)
                 show(f"LSL streams {STREAM!r} and {MARKERS!r}, source_id {outlet.source_id}")
             if secop or listen:
-                folder = recordings_folder(session.settings)
-                node = open_node(session, choice, folder, conversion=lambda: conversion, plans=lambda: armable)
-                show(f"SECoP node {host}:{node.port}, control {'allowed' if allow_control else 'not allowed'}")
-                if choice.token_path is not None:
-                    show(f"clients send: _authenticate TOKEN, the line in {choice.token_path}")
+                node = _opened(session, choice, conversion, armable)
             _wait(session, duration)
         finally:
-            for server in (node, outlet):
-                if server is not None:
-                    server.close()
+            if node is not None:
+                node.close()
+            if outlet is not None:
+                outlet.close()
             content = _summary(session, outlet, node)
     if as_json:
         emit_json(content)
+
+
+def _check_address(choice: NodeChoice, option: str) -> None:
+    try:
+        _ = choice.host_and_port
+    except RequestError as error:
+        raise typer.BadParameter(error.cause, param_hint=option) from error
+
+
+def _opened(
+    session: Session, choice: NodeChoice, conversion: Conversion | None, plans: Mapping[str, Plan]
+) -> SecopServer:
+    """Return the SECoP node, and print how to reach it."""
+    from boat_daq.engine.settings import recordings_folder
+    from boat_daq.workflows.outlets import open_node
+
+    folder = recordings_folder(session.settings)
+    node = open_node(session, choice, folder, conversion=lambda: conversion, plans=lambda: plans)
+    rights = "allowed" if choice.control else "not allowed"
+    show(f"SECoP node {choice.host_and_port[0]}:{node.port}, control {rights}")
+    if choice.token_path is not None:
+        show(f"clients send: _authenticate TOKEN, the line in {choice.token_path}")
+    return node
 
 
 def _wait(session: Session, duration_s: float | None) -> None:

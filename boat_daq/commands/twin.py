@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from boat_daq.commands.console import JsonOption, emit_json, load, notify, present, progress_bar, show, show_table
-from boat_daq.commands.options import RecordingArgument
+from boat_daq.commands.options import PortOption, ReadingsOption, RecordingArgument
 from boat_daq.commands.shadow_model import ParametersOption
 from boat_daq.engine.settings import UnitLibrary, load_settings
 
@@ -28,7 +28,7 @@ app = typer.Typer(no_args_is_help=True, help="Control the elongation of a unit, 
 @app.command()
 def accept(
     run: RecordingArgument,
-    elongation: Annotated[Path | None, typer.Option(help="CSV of elongation readings, one row a plateau.")] = None,
+    elongation: ReadingsOption = None,
     anyway: Annotated[bool, typer.Option("--anyway", help="Accept figures out of tolerance.")] = False,
     confirm: Annotated[
         str, typer.Option(metavar="REASON", help="Keep the readings to be checked, for a reason that is printed.")
@@ -139,7 +139,7 @@ def tune(run: RecordingArgument, as_json: JsonOption = False) -> None:
 
 @app.command()
 def hold(
-    port: Annotated[str, typer.Option(help="Serial port, pty or socket://HOST:PORT.")],
+    port: PortOption,
     unit: Annotated[str, typer.Option(help="Name of the unit.")],
     mm: Annotated[float, typer.Option(help="Elongation to hold, mm.")],
     seconds: Annotated[float, typer.Option(min=0.1, help="Time to hold, s.")] = 10.0,

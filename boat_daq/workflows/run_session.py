@@ -145,9 +145,7 @@ def run_session(
         session.close()
         if refused:
             request.path.unlink(missing_ok=True)
-    at_end = None
-    if enough is not None and request.plan is not None:
-        at_end = enough.at_end(request.path, request.plan)
+    at_end = enough.at_end(request.path, request.plan) if enough is not None and request.plan is not None else None
     if at_end is not None and enough is not None and enough.ended_by is None:  # else it was reported in the run
         notify(at_end.text)
     return SessionOutcome(summarise(request.path), failure, at_end)

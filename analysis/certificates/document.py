@@ -47,7 +47,7 @@ from analysis.reports.shown_units import in_units
 from protocol.base.units import COVERAGE_FACTOR, NOTHING, STORED_UNITS
 
 _CURVE_POINTS = 101
-PREVIEW_PPI = 96.0
+PREVIEW_PPI = 150.0
 
 
 def certificate_pages(certificate: Certificate) -> list[bytes]:
@@ -132,7 +132,8 @@ def _results(sensor: CalibratedSensor) -> tuple[SectionPart, ...]:
     for level in sensor.levels:
         lengths = (level.elongation_mm, level.indicated_mm, level.deviation_mm, level.expanded_mm)
         x, indicated, deviation, expanded = (rounded(length, level.expanded_mm) for length in lengths)
-        pressure, signal = f"{round(level.pressure_kpa, 1) + 0.0:+.1f}", f"{level.signal_mv:.{sensor.places()}f}"
+        kpa = round(level.pressure_kpa, 1)
+        pressure, signal = f"{kpa:+.1f}" if kpa else "0.0", f"{level.signal_mv:.{sensor.places()}f}"
         covered = f"{COVERAGE_FACTOR:g}", percent(level.coverage), str(level.n)
         rows.append((level.branch, pressure, x, signal, indicated, deviation, expanded, *covered))
     header = (

@@ -140,7 +140,7 @@ def _facts(analysis: Analysis) -> tuple[tuple[str, str], ...]:
         ("Board", meta.get("board_id")),
         ("Plan", name),
         ("Note", meta.get("note")),
-        *((f"Marker at {time_s:.2f} s", text) for time_s, text in meta.get("markers", ())),
+        *((f"Marker at {time_s:.2f}\u00a0s", text) for time_s, text in meta.get("markers", ())),
         ("Samples", f"{recording.n} at {recording.rate_hz:.1f} Hz, {recording.lost} lost"),
         ("Duration", f"{recording.duration_s:.1f} s"),
         ("Cycles", f"{cycles['complete']} complete" + (f", {cycles['partial']} partial" if cycles["partial"] else "")),

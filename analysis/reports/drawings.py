@@ -116,7 +116,7 @@ def drift_of_levels(analysis: Analysis, sensor: int, ax: Axes) -> None:
     """Draw the displacement of each pressure level from its mean, over cycles, % FSO."""
     loops, moved = analysis.loops, analysis.sensors[sensor].by_cycle.level_displacement_percent_fso
     chosen = np.unique(np.linspace(0, loops.level_kpa.size - 1, 5).round().astype(int))
-    colours = mpl.colormaps["cividis"](np.linspace(0.0, 0.95, chosen.size))
+    colours = mpl.colormaps["viridis"](np.linspace(0.32, 0.84, chosen.size))  # its ends are lost on one of the grounds
     for g, colour in zip(chosen, colours, strict=True):
         if np.isfinite(moved[:, g]).any():
             ax.plot(loops.numbers, moved[:, g], color=colour, lw=0.9, label=f"{signed(loops.level_kpa[g])} kPa")

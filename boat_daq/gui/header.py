@@ -275,7 +275,6 @@ class Strip(QWidget):
         self.cancel = controls.button("Cancel", self.cancel_job, name="Cancel task")
         self.details = QPlainTextEdit(readOnly=True)
         self.details.setAccessibleName("Details of the message")
-        self.details.setFixedHeight(4 * style.STRIP_HEIGHT)
         self._lay_out()
         self._show(None)
 
@@ -296,6 +295,7 @@ class Strip(QWidget):
 
     def fold(self, *, low: bool) -> None:
         self._least = style.STRIP_HEIGHT_LOW if low else style.STRIP_HEIGHT
+        self.details.setFixedHeight((2 if low else 4) * style.STRIP_HEIGHT)
         self._fit()
 
     def resizeEvent(self, event: QResizeEvent) -> None:

@@ -108,6 +108,7 @@ ROW_LEAST = 56  # of a live plot; where not all are so high, a choice shows some
 ROW_LOW = 120  # the same in a low window, where few are read well
 FORM_WIDTH = 560
 CERTIFICATE_WIDTH = 1280  # a page of A4 at 96 pixels per inch beside the form
+PAGE_WIDTH = 794  # of A4 at 96 pixels per inch, at most
 FORM_HEIGHT = 640  # of a form with a list above it, where the screen has it
 QUESTION_LEAST = 240
 PANEL_SHARE = 0.9  # of the window, for a panel with a picture

@@ -33,7 +33,7 @@ def test_a_marker_is_added_afterwards_and_printed(closed: Path) -> None:
     add_marker(closed, 12.5, "valve opened")
     assert markers_of(closed) == [(12.5, "valve opened"), (60.25, "hose touched")]
     facts = dict(build_report([analyse(load_recording(closed), mcmc=False)]).facts)
-    assert facts["Marker at 60.25 s"] == "hose touched"
+    assert facts["Marker at 60.25\u00a0s"] == "hose touched"
     assert first_difference(closed) == ""
     export(load_recording(closed), closed.with_suffix(".mat"), "mat")
     assert "hose touched" in str(loadmat(closed.with_suffix(".mat"))["boat_daq"])

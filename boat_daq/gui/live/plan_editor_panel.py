@@ -58,9 +58,8 @@ class PlanEditorPanel(QDialog):
             QShortcut(QKeySequence(keys), self).activated.connect(act)
 
     def _layout(self) -> Any:
-        names = [controls.label(text) for text in LABELS.values()]
-        pairs = [item for name, field in zip(names, self.fields.values(), strict=True) for item in (name, field)]
-        head = controls.row(*pairs, self.quantity, None)
+        pairs = [part for key, text in LABELS.items() for part in (controls.label(text), self.fields[key])]
+        head = controls.row(pairs[0], (pairs[1], 1), *pairs[2:], self.quantity)  # names are long
         adds = [controls.button(f"Add {kind}", self._do(partial(self.model.add, kind))) for kind in SEGMENT_KINDS]
         times = (self.loop_entries[2], controls.label("times"), controls.button("Add loop", self._add_loop))
         span = (controls.label("Repeat segments"), self.loop_entries[0], controls.label("to"), self.loop_entries[1])
@@ -82,7 +81,7 @@ class PlanEditorPanel(QDialog):
         return controls.column(*parts, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4)
 
     def _plan_field(self, key: str) -> Any:
-        field = controls.field(LABELS[key], width=(2 if key == "name" else 1) * CELL_WIDTH)
+        field = controls.field(LABELS[key], width=0 if key == "name" else CELL_WIDTH)
         field.editingFinished.connect(lambda: self._attempt(partial(self.model.set_plan, key, field.text())))
         return field
 

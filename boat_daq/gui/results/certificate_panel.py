@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from PySide6.QtCore import Qt, QTimerEvent
-from PySide6.QtGui import QPixmap
+from PySide6.QtGui import QPixmap, QResizeEvent
 from PySide6.QtWidgets import QDialog, QFrame, QLabel, QLineEdit, QScrollArea, QVBoxLayout, QWidget
 
 from boat_daq.gui import style
@@ -36,6 +36,8 @@ class CertificatePanel(QDialog):
         self.stack = QVBoxLayout()
         self.area = QScrollArea()
         self.area.setWidgetResizable(True)
+        self.area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.area.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOn)  # its width is that of the pages
         self.area.setAccessibleName("Pages of the certificate")
         self.area.setWidget(controls.inside(self.stack))
         self.update_button = controls.button("Show pages", self._show, tip="Store what is entered and show the pages")
@@ -47,7 +49,7 @@ class CertificatePanel(QDialog):
         side = QScrollArea()
         side.setWidgetResizable(True)
         side.setFrameShape(QFrame.Shape.NoFrame)
-        side.setFixedWidth(style.PANE_WIDTH_WIDE)
+        side.setFixedWidth(style.PANE_WIDTH)
         side.setWidget(controls.inside(controls.column(self.outcome, self.words, form, None, spacing=style.GAP)))
         shown = controls.row(side, (self.area, 1))
         self.setLayout(controls.column((shown, 1), buttons, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
@@ -58,6 +60,12 @@ class CertificatePanel(QDialog):
         self.startTimer(_REFRESH_MS)
 
     def timerEvent(self, event: QTimerEvent) -> None:
+        self._follow()
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Fit the pages to the width."""
+        super().resizeEvent(event)
+        self._shown = -1
         self._follow()
 
     def _follow(self) -> None:
@@ -73,6 +81,9 @@ class CertificatePanel(QDialog):
             page = QLabel()
             pixmap = QPixmap()
             pixmap.loadFromData(image)
+            ratio, width = self.devicePixelRatioF(), min(style.PAGE_WIDTH, self.area.viewport().width())
+            pixmap = pixmap.scaledToWidth(round(ratio * width), Qt.TransformationMode.SmoothTransformation)
+            pixmap.setDevicePixelRatio(ratio)
             page.setPixmap(pixmap)
             page.setAccessibleName(f"Page {number} of {len(model.pages)}")
             self.stack.addWidget(page, 0, Qt.AlignmentFlag.AlignHCenter)

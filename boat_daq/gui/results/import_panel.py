@@ -31,7 +31,7 @@ class ImportPanel(QDialog):
         self.resize(style.WINDOW_MINIMUM[0], style.WINDOW_MINIMUM[1] + style.STRIP_HEIGHT)
         self.summary = controls.label("", "muted", wrap=True, name="How the file is written")
         self.preview = DataTable("First rows of the file", ())
-        self.preview.setMinimumHeight(6 * style.CONTROL_HEIGHT)
+        self.preview.setMinimumHeight(4 * style.CONTROL_HEIGHT)
         self.columns = {role: controls.choice(f"Column: {name}", ()) for role, name in ROLES.items()}
         self.units = {role: controls.choice(f"Unit: {name}", ()) for role, name in ROLES.items()}
         for role in ROLES:

@@ -362,7 +362,8 @@ class CalibrationModel:
         if self.result is None:
             return ""
         found = self.result.verdict or RunVerdict()
-        limits = sentence(shown_text(found.limits_text)) if found.limits_text != found.headline else ""
+        said = found.limits_text.casefold() == found.headline.casefold()
+        limits = "" if said else sentence(shown_text(found.limits_text))
         if self.working:
             return "Intervals follow \u2026" if self.result.preliminary else "Analysing again \u2026"
         if self.accepted is not None:

@@ -147,11 +147,11 @@ def test_a_video_of_a_run_is_kept_in_its_recording(
     assert reproduce(path, json.loads(kept[-1][0])) == json.loads(kept[-1][1])
     recording = load_recording(path)
     assert recording.camera is not None
-    _, reason = _filmed(recording, path, CameraChoice("b.mkv"), store=False)
-    assert reason == "the result is not stored, nor are the readings of the video"
+    assert _filmed(recording, path, "b.mkv", store=False)[1] is False
+    assert "the result is not stored, nor are the readings of the video" in capsys.readouterr().err
     assert load_recording(path).meta["camera"]["source"] == "a.mkv"
-    recording, reason = _filmed(recording, path, CameraChoice("b.mkv"), store=True)
-    assert (recording.meta["camera"]["source"], reason) == ("b.mkv", "")
+    recording, stored = _filmed(recording, path, "b.mkv", store=True)
+    assert (recording.meta["camera"]["source"], stored) == ("b.mkv", True)
     assert "the readings of b.mkv count before those of the video a.mkv, whose readings" in capsys.readouterr().err
     call("export", path, "--format", "csv", "--out", tmp_path / "run.csv")
     exported = read_csv(tmp_path / "run.csv", comment="#")

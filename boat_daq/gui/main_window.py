@@ -130,8 +130,20 @@ class MainWindow(QMainWindow):
                 plots.copy_wanted.connect(self.copy_plot)
                 plots.save_wanted.connect(self.save_plot)
             self._paint(page)
+            if self.strip.window() is self:
+                self._tab_to_strip_last()
             self.page_made.emit()
         return self.pages[name]
+
+    def _tab_to_strip_last(self) -> None:
+        """Let Tab reach the strip after the pages: Qt's own order is that in which they were made."""
+        of_strip = [w for w in self.strip.findChildren(QWidget) if w.focusPolicy() != Qt.FocusPolicy.NoFocus]
+        last = self.previousInFocusChain()
+        while last.focusPolicy() == Qt.FocusPolicy.NoFocus or self.strip.isAncestorOf(last):
+            last = last.previousInFocusChain()
+        for widget in of_strip:
+            self.setTabOrder(last, widget)
+            last = widget
 
     def _make_page(self, name: Place) -> QWidget:
         m, services = self.model, self.model.services

@@ -30,7 +30,7 @@ _MOVING = (
 )  # fmt: skip
 PLACED = (QEvent.Type.Move, QEvent.Type.Resize, QEvent.Type.Expose)  # of a window
 POINTED = (QEvent.Type.MouseButtonPress, QEvent.Type.TouchBegin)
-MENUS = ("Session", "Edit", "View", "Run", "Results", "Help")
+MENUS = {name.replace("&", ""): name for name in ("&Session", "&Edit", "&View", "&Run", "Res&ults", "&Help")}
 PAGES = "Pages"  # the commands that show one: they have keys, but no menu
 SELDOM = ""  # in place of a menu: the palette alone finds the command
 
@@ -73,7 +73,7 @@ class Registry:
     def __init__(self, window: QMainWindow, notices: Notices) -> None:
         self._window, self._notices = window, notices
         self.actions: dict[Command, QAction] = {}
-        self._menus: dict[str, QMenu] = {name: window.menuBar().addMenu(f"&{name}") for name in MENUS}
+        self._menus: dict[str, QMenu] = {name: window.menuBar().addMenu(title) for name, title in MENUS.items()}
         for menu in self._menus.values():
             menu.aboutToShow.connect(self.refresh)
             menu.setToolTipsVisible(True)

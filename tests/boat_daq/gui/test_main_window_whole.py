@@ -86,6 +86,23 @@ def test_theme_repaints_without_an_error(whole):
     assert whole.live.plots.theme is style.LIGHT
 
 
+def test_tab_goes_from_the_header_over_the_page_to_the_strip(whole):
+    """Messages came before the page on all pages that were opened later."""
+    for name in ("Measure", "Calibration", "Program and units"):
+        whole.go(name)
+        chain = [whole]
+        while (after := chain[-1].nextInFocusChain()) is not whole:
+            chain.append(after)
+        where = [
+            next((i for i, part in enumerate((whole.header, whole.stack, whole.strip)) if part.isAncestorOf(w)), None)
+            for w in chain
+            if w.focusPolicy() & Qt.FocusPolicy.TabFocus and w.isVisible()
+        ]
+        found = [i for i in where if i is not None]
+        assert found == sorted(found)
+        assert {0, 1, 2} <= set(found)
+
+
 def test_every_widget_that_shows_or_takes_has_a_name(whole):
     """Tables, sliders, bars and text fields too: a screen reader can name each."""
     kinds = (QAbstractItemView, QAbstractSlider, QPlainTextEdit, QProgressBar, QSpinBox)
@@ -129,6 +146,8 @@ def test_every_control_has_an_accessible_name(whole):
 
 def test_menus_sheet_and_keys_are_made_of_the_commands(whole):
     """Walk all actions of the menu bar: each is a command, and the sheet names those with keys."""
+    letters = [action.text().partition("&")[2][0] for action in whole.menuBar().actions()]
+    assert len(set(letters)) == len(letters)  # else Alt and a letter opens now one menu, now another
     actions = [
         action for menu in whole.menuBar().actions() for action in menu.menu().actions() if not action.isSeparator()
     ]
@@ -144,7 +163,7 @@ def test_menus_sheet_and_keys_are_made_of_the_commands(whole):
 
 
 def menus(window):
-    return [action.text().removeprefix("&") for action in window.menuBar().actions()]
+    return [action.text().replace("&", "") for action in window.menuBar().actions()]
 
 
 def test_every_action_of_the_recordings_is_a_command(whole):

@@ -122,7 +122,7 @@ class ShortcutSheet(QDialog):
         self._arrange(SHEET if self.over.width() >= style.NARROW_BELOW else NARROW_SHEET)
         self._rows.activate()  # else its size is that of the columns before
         wanted, most = self._body.sizeHint(), self.over.size()
-        margin = 2 * style.STRIP_HEIGHT
+        margin = style.STRIP_HEIGHT
         self.resize(min(wanted.width() + margin, most.width()), min(wanted.height() + margin, most.height()))
         self.move(self.over.geometry().center() - self.rect().center())  # Qt has placed it by its former size
 
@@ -145,7 +145,7 @@ class ShortcutSheet(QDialog):
         for i, command in enumerate(lines, 1):
             block.addWidget(controls.label(shown(command), "muted"), i, 0)
             block.addWidget(controls.label(command.text), i, 1)
-        block.setColumnMinimumWidth(0, style.text_width(style.font(), "Ctrl+Shift+Z"))  # the same in each block
+        block.setColumnMinimumWidth(0, style.text_width(style.font(), "Ctrl+Shift+Z") + 2)  # the same in each block
         block.setColumnStretch(1, 1)
         return block
 

@@ -215,7 +215,9 @@ class ShadowPane(QWidget):
             value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignTop)
         self.colour = controls.label("Colour", "muted")
         head = controls.row(self.colour, self.quantity, None, self._menu_button())
-        frame, _ = controls.card(head, (self.view, 1), grid)
+        rows = controls.inside(grid)
+        rows.setMaximumWidth(2 * style.QUESTION_LEAST)  # a value is near its name
+        frame, _ = controls.card(head, (self.view, 1), rows)
         self.setLayout(controls.column(frame, margins=(0, style.GAP, 0, 0)))
         self._choose(model.quantity)
 

@@ -155,8 +155,10 @@ def form(rows: Iterable[tuple[str | QWidget, QWidget, str | QWidget]]) -> QGridL
     grid.setColumnStretch(0, 1)
     for i, (text, control, unit) in enumerate(rows):
         name = label(text) if isinstance(text, str) else text
-        for k, widget in enumerate((name, control, label(unit, "muted") if isinstance(unit, str) else unit)):
-            grid.addWidget(widget, i, k)
+        unit = label(unit, "muted") if isinstance(unit, str) and unit else unit
+        for k, widget in enumerate((name, control, unit)):
+            if isinstance(widget, QWidget):  # a column without units takes no space
+                grid.addWidget(widget, i, k)
     return grid
 
 

@@ -423,7 +423,7 @@ class PlanForm(QScrollArea):
 
 def _form(rows: Iterable[tuple[str | QWidget, QWidget, str | QWidget]]) -> QGridLayout:
     """Return a form whose fields are below those of the other cards, whatever their units."""
-    grid = controls.form(rows)
+    grid = controls.form((name, field, controls.label() if unit == "" else unit) for name, field, unit in rows)
     grid.setHorizontalSpacing(style.STEP)
     grid.setColumnMinimumWidth(2, style.text_width(style.font(), "kPa/s"))
     return grid

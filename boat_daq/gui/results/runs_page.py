@@ -350,10 +350,15 @@ class RunsPage(QWidget):
         self.units.fill(units, [cells[-1] for cells in units])
         self.units.setVisible(bool(units))
         self.no_units.setText("" if units else NO_UNITS)
-        head = self.over_time.sizeHint().height() + 2 * style.CARD_PADDING
-        self.cards[0].setMaximumHeight(style.UNLIMITED if units else head)
-        self.below.setMaximumHeight(head if not units and self.below.currentIndex() == 0 else style.UNLIMITED)
+        self._fit_below()
         self._enable()
+
+    def _fit_below(self) -> None:
+        """Leave the list the height where there are neither units nor a comparison."""
+        head = self.over_time.sizeHint().height() + 2 * style.CARD_PADDING
+        empty = not self.model.unit_lines
+        self.cards[0].setMaximumHeight(head if empty else style.UNLIMITED)
+        self.below.setMaximumHeight(head if empty and self.below.currentIndex() == 0 else style.UNLIMITED)
 
     def _list(self) -> None:
         """List the recordings that match the search; those that were chosen stay chosen."""
@@ -388,8 +393,8 @@ class RunsPage(QWidget):
 
     def _show_comparison(self) -> None:
         lines, legend = self.model.comparison_lines()
-        self.below.setMaximumHeight(style.UNLIMITED)
         self.below.setCurrentIndex(1 if lines else 0)
+        self._fit_below()
         self.compare_card.clear()
         self.compare_card.show_signals_in(self.model.comparison_unit)
         if lines:

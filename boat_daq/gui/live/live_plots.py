@@ -367,7 +367,7 @@ class LivePlots(PlotCard):
             for layer in (layer for layers in self.layers.values() for layer in layers):
                 layer.item.setOpacity(style.STALE_OPACITY if age else 1.0)
         self._age = age
-        controls.set_text(self.heading, f"Last data {age}" if age else "")
+        controls.set_text(self.heading, f"Last data {age}" if age else "", shorter=age)
 
     def _hover(self, at: QPointF) -> None:
         self._mouse = at

@@ -41,6 +41,7 @@ class PlanEditorPanel(QDialog):
         self.quantity = controls.choice("Quantity", [(q, q) for q in QUANTITIES], self._do(self.model.set_quantity))
         self.grid, self.loops = QGridLayout(), QGridLayout()
         self.grid.setColumnStretch(len(COLUMNS) + 6, 1)
+        self.grid.setHorizontalSpacing(style.STEP)  # all columns in a narrow window
         self.loops.setColumnStretch(4, 1)
         self.cells: list[dict[str, Any]] = []
         self.loop_entries = [controls.field(name, width=CELL_WIDTH) for name in ("From segment", "To segment", "Times")]

@@ -124,9 +124,9 @@ class SequencePanel(QFrame):
         self.state = controls.label("", "subtitle")
         self.progress = controls.label("", "muted", name="Progress of the run", wrap=True)
         self.progress.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)  # the buttons are not cut
-        self.uncertainty = controls.label("", "muted", name="Uncertainty of the run", wrap=True)
+        self.uncertainty = controls.label("", "muted", name="Progress and uncertainty of the run", wrap=True)
         self.uncertainty.hide()
-        self._low, self._lines = False, 0  # the height of the progress
+        self._low = False
         self.buttons: dict[str, QPushButton] = {
             key: controls.button(text, partial(self.press, key), "primary" if key in PRIMARY else "", tip=tip)
             for key, (text, tip) in BUTTONS.items()
@@ -153,10 +153,9 @@ class SequencePanel(QFrame):
     def _fit(self) -> None:
         """Take the height of buttons, progress and uncertainty in a low window, at least this in any other."""
         margins = self.inside.contentsMargins()
-        self._lines = self.progress.heightForWidth(self.progress.width())
-        least = max(style.CONTROL_HEIGHT, self._lines) + margins.top() + margins.bottom() + style.STEP  # with the frame
+        least = style.CONTROL_HEIGHT + margins.top() + margins.bottom() + style.STEP  # with the frame
         if not self.uncertainty.isHidden():
-            width = self.width() - margins.left() - margins.right()
+            width = self.contentsRect().width() - margins.left() - margins.right()
             least += self.uncertainty.heightForWidth(width) + self.inside.spacing()
         if not self._low:
             least += self.picture.minimumHeight() + self.inside.spacing()
@@ -164,17 +163,21 @@ class SequencePanel(QFrame):
         self.setMaximumHeight(least if self._low else style.UNLIMITED)
 
     def _show_progress(self, snapshot: SessionSnapshot) -> None:
-        """Show the longest text of the progress that fits in a line, without a run of the estimate; else wrapped."""
-        measure = self.progress.fontMetrics().horizontalAdvance
+        """Show the longest text of the progress that fits, without a run of the estimate; no word of it is cut.
+
+        It is in one line, else in two beside the buttons, else below them with the uncertainty.
+        """
         texts = [progress_text(snapshot, leave_out, self.run.sequence.units) for leave_out in range(3)]
         texts = texts if texts[0] else self.run.sequence.lines(snapshot)
-        width = self.progress.width()
-        controls.set_text(self.progress, next((text for text in texts if measure(text) <= width), texts[-1]))
-        if self.progress.heightForWidth(width) != self._lines:
-            self._fit()
+        metrics, width = self.progress.fontMetrics(), self.progress.width()
+        shown = next((text for text in texts if metrics.horizontalAdvance(text) <= width), texts[-1])
+        shown = shown.replace(" min", "\u00a0min")
+        wrapped = metrics.boundingRect(0, 0, width, 0, Qt.TextFlag.TextWordWrap, shown)
+        beside = wrapped.width() <= width and wrapped.height() <= 2 * metrics.lineSpacing()
+        controls.set_text(self.progress, shown if beside else "")
+        self._show_below("\n".join(filter(None, ("" if beside else shown, self.run.uncertainty_text(snapshot)))))
 
-    def _show_uncertainty(self, text: str) -> None:
-        """Show the uncertainty in a line of its own, wrapped: no number of it is ever cut."""
+    def _show_below(self, text: str) -> None:
         if text != self.uncertainty.text():
             self.uncertainty.setText(text)
             self.uncertainty.setVisible(bool(text))
@@ -215,7 +218,6 @@ class SequencePanel(QFrame):
         model = self.run.sequence
         controls.set_text(self.state, state_text(snapshot, self.run.sequence.units))
         self._show_progress(snapshot)
-        self._show_uncertainty(self.run.uncertainty_text(snapshot))
         allowed = model.allowed(snapshot)
         for key, button in self.buttons.items():
             if key not in allowed and button.hasFocus():
@@ -417,7 +419,7 @@ class PlanForm(QScrollArea):
             for cell in cells:
                 cell.setVisible(key not in unused)
         self._show_units()
-        controls.set_text(self.estimate, model.estimate(snapshot))
+        controls.set_text(self.estimate, model.estimate(snapshot).replace(" min", "\u00a0min"))
         self._show_refused()
 
 

@@ -1,7 +1,8 @@
 """Detected light over elongation, traced once for an actuator and then kept.
 
 It falls in steps, where rays pass from one cavity's wall to the next: intervals are halved, their neighbours too, until
-the light in the middle is that between their ends, and once more for the losses, where steps are larger shares.
+the light in the middle is that between their ends, and once more. Light with a loss, as a share of that without, hardly jumps: it is
+traced at the first elongations and their middles, and interpolated between.
 
 The table of the default actuator, with its cavities in the outer face, comes with the program (`light.csv`); others are
 kept in the user's cache. Work that was stopped continues from what is kept.
@@ -142,7 +143,7 @@ def build_light(
     progress: Progress | None = None,
     part: Path | None = None,
 ) -> LightTable:
-    """Trace a table: first elongations, refinement, losses."""
+    """Trace a table: first elongations and their refinement, losses at the first ones and their middles."""
     kept = load_arrays(part, _PART) if part is not None else None
     known: dict[tuple[float, float], float] = {}  # by loss and elongation
     if kept is not None:
@@ -164,20 +165,23 @@ def build_light(
                 progress(len(known), len(known) + len(todo) - at - len(some) + more)
         return np.asarray([known[loss, mm] for mm in wanted])
 
-    others = len(LOSSES_DB_PER_CM) - 1
     x = np.linspace(*shapes.range_mm, FIRST)
-    suspect = np.ones(FIRST - 1, dtype=bool)
+    coarse = np.sort(np.concatenate([x, 0.5 * (x[:-1] + x[1:])]))
+    others, suspect = LOSSES_DB_PER_CM[1:], np.ones(FIRST - 1, dtype=bool)
     while True:
-        light = light_at(x, more=(2 * others + 1) * len(x))
+        light = light_at(x, more=len(x) + len(others) * len(coarse))
         if not suspect.any() or len(x) >= _MOST:
             break
         off_percent = max(_TOLERANCE * float(np.ptp(light)), 100.0 * LEAST_RAYS / _RAYS)
         middle = 0.5 * (x[:-1] + x[1:])[suspect]
         between = 0.5 * (light[:-1] + light[1:])[suspect]
-        away = light_at(middle, more=(2 * others + 1) * (len(x) + len(middle))) - between
+        away = light_at(middle, more=len(x) + len(middle) + len(others) * len(coarse)) - between
         x, suspect = _halved(x, middle, suspect, np.abs(away) > off_percent)
     x = np.sort(np.concatenate([x, 0.5 * (x[:-1] + x[1:])]))
-    rows = [light_at(x, loss, more=(others - n) * len(x)) for n, loss in enumerate(LOSSES_DB_PER_CM)]
+    rows = [light := light_at(x, more=len(others) * len(coarse))]
+    for n, loss in enumerate(others, 1):
+        share = light_at(coarse, loss, more=(len(others) - n) * len(coarse)) / light_at(coarse)
+        rows.append(light * np.exp(np.interp(x, coarse, np.log(share))))
     return LightTable(np.asarray(LOSSES_DB_PER_CM), x, np.stack(rows))
 
 

@@ -1,8 +1,8 @@
 """Detected light over elongation, traced once for an actuator and then kept.
 
 It falls in steps, where rays pass from one cavity's wall to the next: intervals are halved, their neighbours too, until
-the light in the middle is that between their ends, and once more. Light with a loss, as a share of that without, hardly jumps: it is
-traced at the first elongations and their middles, and interpolated between.
+the light in the middle is that between their ends, and once more. Light with a loss, as a share of that without, hardly
+jumps: it is traced at the first elongations and their middles, and interpolated between.
 
 The table of the default actuator, with its cavities in the outer face, comes with the program (`light.csv`); others are
 kept in the user's cache. Work that was stopped continues from what is kept.

@@ -1,9 +1,9 @@
 """Conformity of a measured value with a limit: pass, conditional pass, conditional fail or fail, and how probable.
 
-The non-binary rule with a guard band of ILAC-G8:09/2019, 4.2.3: the expanded uncertainty U on the side of the limit
-times a factor (1 by default; 0 is simple acceptance). The probability is that of JCGM 106:2012, 7.2 to 7.4. An interval
-may be asymmetric: the half that faces a limit counts. Without an uncertainty a statement is conditional, and has no
-probability.
+The non-binary rule with a guard band of ILAC-G8:09/2019, 4.2.3: the expanded uncertainty U on the side of the limit, of
+which a false acceptance is at most 2.5 % probable. The probability is that of JCGM 106:2012, 7.2 to 7.4, formulas (8)
+to (13). An interval may be asymmetric: the half that faces a limit counts. Without an uncertainty a statement is
+conditional, and has no probability.
 """
 
 from __future__ import annotations
@@ -17,8 +17,6 @@ from scipy import stats
 
 from analysis.json_object import json_object
 
-GUARD_FACTOR = 1.0
-"""The guard band in expanded uncertainties: w = U, of which a false acceptance is at most 2.5 % probable."""
 RULE = "ILAC-G8:09/2019, 4.2.3: guard band w = U (95 %)"
 _ONE_SIDED = 0.975  # share of a distribution below the upper end of a two-sided 95 % interval
 
@@ -50,26 +48,12 @@ class ConformityStatement:
 
 
 def conformity_statement(
-    value: float,
-    expanded: tuple[float, float],
-    limits: tuple[float, float],
-    *,
-    dof: float = math.inf,
-    guard_factor: float = GUARD_FACTOR,
+    value: float, expanded: tuple[float, float], limits: tuple[float, float]
 ) -> ConformityStatement:
-    """Return the statement of conformity of a value with its limits.
+    """Return the statement of conformity of a value, undetermined for NaN, with its limits.
 
-    Parameters
-    ----------
-    value : the measured value; NaN makes the statement undetermined.
-    expanded : expanded uncertainty (95 %) below and above the value; NaN where it is not known.
-    limits : lower and upper limit of tolerance; infinite where there is none.
-    dof : effective degrees of freedom of the uncertainty.
-    guard_factor : the guard band in expanded uncertainties.
-
-    Notes
-    -----
-    JCGM 106:2012, formulas (8) to (13), with Student's distribution where the degrees of freedom are few (7.2.2).
+    `expanded`: expanded uncertainty (95 %) below and above the value; NaN where it is not known. `limits`: infinite
+    where there is none.
     """
     if math.isnan(value):
         return ConformityStatement(Conformity.UNDETERMINED, math.nan, math.nan)
@@ -79,19 +63,18 @@ def conformity_statement(
         kept = limits[0] <= value <= limits[1]
         within = Conformity.CONDITIONAL_PASS if kept else Conformity.CONDITIONAL_FAIL
         return ConformityStatement(within, math.nan, math.nan)
-    coverage = float(stats.t.ppf(_ONE_SIDED, dof)) if math.isfinite(dof) else float(stats.norm.ppf(_ONE_SIDED))
-    beyond = sum(_beyond(side, half / coverage, dof) for side, half in zip(inside, facing, strict=True))
+    coverage, sides = float(stats.norm.ppf(_ONE_SIDED)), list(zip(inside, facing, strict=True))
+    beyond = sum(_beyond(side, half / coverage) for side, half in sides)
     # the limit that decides is the one that is nearest less its guard band
-    sides = [(side, guard_factor * half) for side, half in zip(inside, facing, strict=True)]
     side, band = min(sides, key=lambda pair: pair[0] - pair[1], default=(math.inf, 0.0))
     return ConformityStatement(_statement(side, band), max(1.0 - beyond, 0.0), band)
 
 
-def _beyond(inside: float, u: float, dof: float) -> float:
+def _beyond(inside: float, u: float) -> float:
     """Probability that the measurand is beyond a limit `inside` away from the value."""
     if not u > 0:
         return 0.0 if inside >= 0 else 1.0
-    return float(stats.t.sf(inside / u, dof) if math.isfinite(dof) else stats.norm.sf(inside / u))
+    return float(stats.norm.sf(inside / u))
 
 
 def _statement(inside: float, band: float) -> Conformity:

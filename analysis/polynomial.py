@@ -132,10 +132,8 @@ def least_squares(
     q, r = linalg.qr(design, mode="economic")
     condition = float(np.linalg.cond(r))
     if not condition < MAX_CONDITION:
-        raise DataError(
-            f"the x are too clustered for degree {degree} (condition {condition:.0e})",
-            "Spread the points over the range, or choose a lower degree.",
-        )
+        cause = f"the x are too clustered for degree {degree} (condition {condition:.0e})"
+        raise DataError(cause, "Spread the points over the range, or choose a lower degree.")
     target = (y * root).astype(np.longdouble)
     solution: LongArray = np.zeros(degree + 1, dtype=np.longdouble)
     for _ in range(REFINEMENTS):
@@ -200,7 +198,5 @@ def _check(x: FloatArray, y: FloatArray, degree: int, weights: FloatArray | None
     if distinct == 1 and degree > 0:
         raise DataError(f"all {x.size} x are equal ({x[0]:g})", "A curve needs points at different x.")
     if distinct < degree + 1:
-        raise DataError(
-            f"{distinct} distinct x where degree {degree} needs {degree + 1}",
-            "Measure at more positions, or choose a lower degree.",
-        )
+        cause = f"{distinct} distinct x where degree {degree} needs {degree + 1}"
+        raise DataError(cause, "Measure at more positions, or choose a lower degree.")

@@ -134,10 +134,8 @@ def _texts(calibration: Calibration, y_unit: str) -> Iterator[tuple[WarningCode,
         yield WarningCode.CONSTANT_Y, f"{at_all}: it does not depend on x"
         return
     if calibration.dof < 1:
-        yield (
-            WarningCode.NO_UNCERTAINTY,
-            f"{calibration.n} points for {calibration.degree + 1} coefficients: no uncertainty can be given",
-        )
+        text = f"{calibration.n} points for {calibration.degree + 1} coefficients: no uncertainty can be given"
+        yield WarningCode.NO_UNCERTAINTY, text
     if calibration.spline is not None:
         return
     powers = np.vander(calibration.x, calibration.degree + 1, increasing=True)

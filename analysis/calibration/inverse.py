@@ -52,9 +52,8 @@ def raise_without_inverse(calibration: Calibration, *, by_parts: bool = False) -
     turns = calibration.turns_inside
     if not calibration.monotone and not (by_parts and turns):
         where = f"it turns at {', '.join(f'{turn:.3g}' for turn in turns)}" if turns else "it is flat"
-        raise DataError(
-            f"the calibration has no inverse over its range: {where}", "Calibrate over a range where it is monotone."
-        )
+        cause = f"the calibration has no inverse over its range: {where}"
+        raise DataError(cause, "Calibrate over a range where it is monotone.")
     if calibration.adequacy is not None and calibration.adequacy.refused:
         raise DataError(
             f"the curve misses the readings by {calibration.adequacy.remainder_percent:.1f} % FSO (rms)",
@@ -273,10 +272,8 @@ class Fusion:
         """
         signal = np.asarray(signal_mv, dtype=np.float64)
         if signal.shape[-1:] != (len(self.inverses),):
-            raise RequestError(
-                f"signals of shape {signal.shape} do not fit {len(self.inverses)} sensors",
-                "The last axis is the sensor.",
-            )
+            cause = f"signals of shape {signal.shape} do not fit {len(self.inverses)} sensors"
+            raise RequestError(cause, "The last axis is the sensor.")
         if not all(self.used):
             signal = np.where(self.used, signal, np.nan)
         each = [inverse.evaluate(signal[..., i]) for i, inverse in enumerate(self.inverses)]

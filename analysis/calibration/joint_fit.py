@@ -315,9 +315,8 @@ def joint_fit(means: PositionMeans, basis: CurveBasis, loop_terms: int | None = 
             least = _LEAST_SLOPE * np.abs(slope).max()
             slope = np.where(np.abs(slope) < least, np.copysign(least, slope), slope)
     if np.linalg.matrix_rank(design[:, free] * root[:, None]) < int(free.sum()):
-        raise DataError(
-            f"the positions do not carry {needed} coefficients", "Read more positions, or fit a lower degree."
-        )
+        cause = f"the positions do not carry {needed} coefficients"
+        raise DataError(cause, "Read more positions, or fit a lower degree.")
     known = np.maximum(known, floor) if misfit == 0.0 else known
     split = basis.complexity
     return JointFit(

@@ -319,10 +319,8 @@ class _Target:
             if not bad.any():
                 return start
             start[bad] = rng.standard_normal((int(bad.sum()), size)) * spread
-        raise DataError(
-            "hardly any curve that the data allow is monotone over the range",
-            "Fit without the constraint, or over a shorter range.",
-        )
+        cause = "hardly any curve that the data allow is monotone over the range"
+        raise DataError(cause, "Fit without the constraint, or over a shorter range.")
 
 
 def _summary(target: _Target, sampler: Any, burn: int, tau: float, most: int) -> Posterior:

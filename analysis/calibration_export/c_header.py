@@ -130,9 +130,8 @@ USUAL_ERROR_MM = 0.001
 def signal_table(inverse: Inverse, error_mm: float, *, single: bool = False) -> tuple[FloatArray, FloatArray]:
     """Return rising signals and elongations [nodes] for linear interpolation. RequestError: `error_mm` is too small."""
     if not error_mm > 0:
-        raise RequestError(
-            f"an error of {error_mm:g} mm is no bound for a table", "Give a length above 0, such as 0.001."
-        )
+        cause = f"an error of {error_mm:g} mm is no bound for a table"
+        raise RequestError(cause, "Give a length above 0, such as 0.001.")
     low, high = sorted(map(float, inverse.nodes[[0, -1]]))
     count, least = _FEWEST, math.inf
     while count <= _MOST:

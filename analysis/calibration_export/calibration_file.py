@@ -55,10 +55,8 @@ class CalibrationFile:
     ) -> CalibrationFile:
         """Return the file; `u_elongation` is (x, U) in mm, [points, 2] each. DataError: no sensor is calibrated."""
         if all(sensor.void for sensor in record.sensors):
-            raise DataError(
-                f"this run is no calibration: {record.sensors[0].void}",
-                "Give its readings of elongation, or choose a calibration run.",
-            )
+            cause = f"this run is no calibration: {record.sensors[0].void}"
+            raise DataError(cause, "Give its readings of elongation, or choose a calibration run.")
         stated = contributions(record.sensors[0].type_b)
         head = {
             "program_version": record.program_version,
@@ -171,14 +169,12 @@ def read_calibration(path: str | Path) -> CalibrationFile:
     except (ValueError, RecursionError):
         content = None
     if not isinstance(content, dict) or content.get("format") != _FORMAT:
-        raise FileError(
-            f"{path.name} is not a calibration of boat-daq", "Give the JSON file of an exported calibration."
-        )
+        cause = f"{path.name} is not a calibration of boat-daq"
+        raise FileError(cause, "Give the JSON file of an exported calibration.")
     version = content.get("version")
     if not isinstance(version, int) or isinstance(version, bool) or not 1 <= version <= _VERSION:
-        raise FileError(
-            f"{path.name} has version {version!r:.20}; this program reads up to {_VERSION}", "Update boat-daq."
-        )
+        remedy = "Update boat-daq."
+        raise FileError(f"{path.name} has version {version!r:.20}; this program reads up to {_VERSION}", remedy)
     try:
         return _parsed(content)
     except _DamageError as error:

@@ -296,9 +296,8 @@ def _item(
         for index in range(len(analysis.sensors))
     ]
     if check := verdict_of(analysis, limits).check_text:
-        raise DataError(
-            f"{recording.source or 'the run'} has {check}", "Correct it, leave it out, or confirm it with a reason."
-        )
+        remedy = "Correct it, leave it out, or confirm it with a reason."
+        raise DataError(f"{recording.source or 'the run'} has {check}", remedy)
     if all(sensor.void for sensor in sensors):
         cause = f"{recording.source or 'the run'} has no calibration to certify: {sensors[0].void}"
         if any(

@@ -404,15 +404,11 @@ def _with_unit(table: Table, name: str, position: int, unit: str, warnings: list
     if not (is_signal(name) or name.endswith(("_kpa", "_s", "_mm"))) or name.endswith(("_lit", "_dark")):
         return Column(position)
     if unit and name.endswith("_kpa") and absolute_unit(unit):
-        raise RequestError(
-            f"column {table.names[position]!r} is an absolute pressure ({unit})",
-            f"Map it less the ambient pressure: --map {name}={position + 1}-AMBIENT:{absolute_unit(unit)}.",
-        )
+        remedy = f"Map it less the ambient pressure: --map {name}={position + 1}-AMBIENT:{absolute_unit(unit)}."
+        raise RequestError(f"column {table.names[position]!r} is an absolute pressure ({unit})", remedy)
     if unit:
-        raise RequestError(
-            f"unit {unit!r} of column {table.names[position]!r} is not known for {name}",
-            f"Map it: --map {name}={position + 1}:UNIT with one of {', '.join(units_of(name))}.",
-        )
+        cause = f"unit {unit!r} of column {table.names[position]!r} is not known for {name}"
+        raise RequestError(cause, f"Map it: --map {name}={position + 1}:UNIT with one of {', '.join(units_of(name))}.")
     guessed = guess_unit(name, table.columns[position], table.names[position])
     text = f"column {table.names[position]!r} has no unit: taken as {guessed}"
     warnings.append(Warning(WarningCode.UNIT_GUESSED, "", text))

@@ -50,9 +50,8 @@ def load_profile(path: str | Path) -> dict[str, str]:
         if content.get("boat_daq_import", 1) != 1 or not all(isinstance(v, str) for v in columns.values()):
             raise ValueError("unknown version or a column that is no text")
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise FileError(
-            f"{path} is not an import profile ({error})", "Keep the output of import --preview --json."
-        ) from error
+        cause = f"{path} is not an import profile ({error})"
+        raise FileError(cause, "Keep the output of import --preview --json.") from error
     return dict(columns)
 
 
@@ -487,10 +486,8 @@ def _counts_scale(meta: Mapping[str, Any]) -> float | None:
     try:
         return float(meta["vref_mv"]) / 2.0 ** int(meta["adc_bits"])
     except (TypeError, ValueError, OverflowError) as error:
-        raise RequestError(
-            f"vref_mv {meta['vref_mv']!r} and adc_bits {meta['adc_bits']!r} are not numbers",
-            "Correct the head of the file.",
-        ) from error
+        cause = f"vref_mv {meta['vref_mv']!r} and adc_bits {meta['adc_bits']!r} are not numbers"
+        raise RequestError(cause, "Correct the head of the file.") from error
 
 
 def _whole_numbers(values: Mapping[str, FloatArray], meta: dict[str, Any]) -> dict[str, IntArray]:

@@ -134,10 +134,8 @@ class ElongationController:
         """Refuse a setpoint outside the calibrated range. Raises RequestError where it is outside."""
         low, high = self.sensors.range_mm
         if not low <= mm <= high:
-            raise RequestError(
-                f"a setpoint of {mm:g} mm is outside the calibrated range, {low:.2f} to {high:.2f} mm",
-                "Choose one inside, or calibrate over a wider range.",
-            )
+            cause = f"a setpoint of {mm:g} mm is outside the calibrated range, {low:.2f} to {high:.2f} mm"
+            raise RequestError(cause, "Choose one inside, or calibrate over a wider range.")
 
     def begin(self, time_s: float, pressure_kpa: float, signal_mv: FloatArray) -> float:
         """Start without a bump and return the measured elongation, mm."""

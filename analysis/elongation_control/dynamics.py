@@ -87,10 +87,8 @@ def fit_lag(time_s: FloatArray, command_mm: FloatArray, elongation_mm: FloatArra
     rest = fit.fun
     r2 = 1.0 - float(rest @ rest) / max(float(((x - x.mean()) ** 2).sum()), 1e-30)
     if r2 < _LEAST_R2:
-        raise DataError(
-            f"the elongation does not follow the step (R² {r2:.2f}, at least {_LEAST_R2:g} is needed)",
-            "Repeat the step test with a larger step, and check pump and sensors.",
-        )
+        cause = f"the elongation does not follow the step (R² {r2:.2f}, at least {_LEAST_R2:g} is needed)"
+        raise DataError(cause, "Repeat the step test with a larger step, and check pump and sensors.")
     delay, omega, damping = float(fit.x[0]), math.exp(fit.x[1]), math.exp(fit.x[2])
     r = min(max(float(rest[1:] @ rest[:-1]) / max(float(rest @ rest), 1e-30), 0.0), 0.95)
     variance = float(rest @ rest) / (len(x) - 5) * (1.0 + r) / (1.0 - r)

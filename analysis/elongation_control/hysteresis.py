@@ -96,9 +96,8 @@ def identify(pressure_kpa: FloatArray, elongation_mm: FloatArray, plays: int = _
         raise DataError(f"only {len(pressure)} points of elongation and pressure", "Give a calibration run.")
     low, high = float(pressure.min()), float(pressure.max())
     if high - low < LEAST_SPAN_KPA:
-        raise DataError(
-            f"the pressure spans {high - low:.0f} kPa", f"Give a run over {LEAST_SPAN_KPA:.0f} kPa or more."
-        )
+        cause = f"the pressure spans {high - low:.0f} kPa"
+        raise DataError(cause, f"Give a run over {LEAST_SPAN_KPA:.0f} kPa or more.")
     near = 0.02 * (high - low)
     first = min(int(np.argmax(pressure >= high - near)), int(np.argmax(pressure <= low + near)))
     radii = 0.5 * (high - low) * np.arange(plays) / plays
@@ -125,10 +124,8 @@ def identify(pressure_kpa: FloatArray, elongation_mm: FloatArray, plays: int = _
     scatter = float(elongation[first:].std())
     r2 = 1.0 - (rms / scatter) ** 2 if scatter > 0 else -math.inf
     if r2 < _LEAST_R2 or not weights.sum() > 0:
-        raise DataError(
-            f"elongation does not follow pressure (R² {r2:.3f}, at least {_LEAST_R2:g} is needed)",
-            "Give a run whose pressure rises and falls over the whole range, without a leak or a disturbance.",
-        )
+        remedy = "Give a run whose pressure rises and falls over the whole range, without a leak or a disturbance."
+        raise DataError(f"elongation does not follow pressure (R² {r2:.3f}, at least {_LEAST_R2:g} is needed)", remedy)
     half = abs(float(best[1]))
     found = HysteresisModel(radii, weights, float(best[0]) - half, float(best[0]) + half, offset, (low, high), rms, r2)
     return replace(found, weights=np.where(radii == 0.0, np.maximum(weights, 1e-6), weights))  # it can be inverted

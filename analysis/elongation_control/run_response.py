@@ -38,9 +38,8 @@ def dynamic_calibration(
     segments = recorded_segments(recording)
     stepped, swept = any(one.step_mm for one in segments), any(one.is_sine_of_elongation for one in segments)
     if not (stepped or swept):
-        raise DataError(
-            "this run has neither steps nor sines of elongation", "Record one with the plan steps-mm or sine-sweep-mm."
-        )
+        cause = "this run has neither steps nor sines of elongation"
+        raise DataError(cause, "Record one with the plan steps-mm or sine-sweep-mm.")
     steps: dict[float, list[StepResponse]] = step_responses(recording, fusion, loops) if stepped else {}
     bode: tuple[BodePoint, ...] = bode_of_run(recording, fusion, loops) if swept else ()
     return DynamicCalibration(

@@ -98,16 +98,13 @@ def readings_against_shadow(analysis: Analysis, *, progress: Progress | None = N
 def measured_elongation(recording: Recording, sensors: Sequence[SensorAnalysis]) -> FloatArray:
     """Return the elongation by each sensor's calibration, [n, sensors], NaN outside its range; may raise DataError."""
     if len(sensors) != recording.n_sensors:
-        raise DataError(
-            f"the run has {recording.n_sensors} signals, the calibration {len(sensors)}",
-            "give a calibration of the same unit",
-        )
+        cause = f"the run has {recording.n_sensors} signals, the calibration {len(sensors)}"
+        raise DataError(cause, "give a calibration of the same unit")
     columns = []
     for number, sensor in enumerate(sensors):
         if sensor.calibration is None:
-            raise DataError(
-                f"{sensor.name} is not calibrated: {sensor.calibration_void}", "give a run with readings of elongation"
-            )
+            remedy = "give a run with readings of elongation"
+            raise DataError(f"{sensor.name} is not calibrated: {sensor.calibration_void}", remedy)
         signal = np.where(recording.usable[:, number], recording.signal_mv[:, number], np.nan)
         columns.append(np.asarray(Inverse.of(sensor.calibration)(signal), dtype=np.float64))
     return np.stack(columns, axis=1)

@@ -203,10 +203,8 @@ def _signal_texts(run: SegmentedRun, sensor: int) -> Iterator[tuple[WarningCode,
     signal = run.recording.signal_mv[:, sensor]
     signal = signal[np.isfinite(signal)]
     if signal.size > 1 and signal.min() == signal.max():
-        yield (
-            WarningCode.CONSTANT_SIGNAL,
-            f"the signal is constant, {signal[0]:.6g} mV in all {signal.size} samples: the sensor measured nothing",
-        )
+        text = f"the signal is constant, {signal[0]:.6g} mV in all {signal.size} samples: the sensor measured nothing"
+        yield WarningCode.CONSTANT_SIGNAL, text
     standing = LossCounter.of(run.recording, sensor).of_windows([slice(0, run.recording.n)]).standing
     if standing:
         share = percent(standing / run.recording.n, 1)
@@ -258,11 +256,8 @@ def _adequacy_warnings(adequacy: Adequacy) -> Iterator[Warning]:
     if adequacy.verdict is CurveVerdict.DOUBTFUL:
         yield Warning(WarningCode.DOUBTFUL_CURVE, "", f"doubtful: {adequacy.sentence}")
     if adequacy.verdict is CurveVerdict.INADEQUATE:
-        yield Warning(
-            WarningCode.INADEQUATE_CURVE,
-            "",
-            f"inadequate: {adequacy.sentence}; choose the curve by cross-validation (degree auto)",
-        )
+        text = f"inadequate: {adequacy.sentence}; choose the curve by cross-validation (degree auto)"
+        yield Warning(WarningCode.INADEQUATE_CURVE, "", text)
     if adequacy.refused:
         yield Warning(
             WarningCode.REFUSED_CURVE,

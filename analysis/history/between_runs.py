@@ -105,9 +105,8 @@ def one_way(groups: Sequence[FloatArray]) -> Spread:
     known = [g[np.isfinite(g)] for g in groups]
     known = [g for g in known if g.size]
     if len(known) < 2 or max(g.size for g in known) < 2:
-        raise RequestError(
-            "spread within and between runs takes two runs or more, with two cycles or more", "Record another run."
-        )
+        cause = "spread within and between runs takes two runs or more, with two cycles or more"
+        raise RequestError(cause, "Record another run.")
     sizes = np.asarray([g.size for g in known], dtype=np.float64)
     total, count = float(sizes.sum()), len(known)
     within = sum(float(((g - g.mean()) ** 2).sum()) for g in known) / (total - count)

@@ -267,10 +267,8 @@ def _by_branch(
         if not hits and cycle > last and any(not plateaus[i].branch for i in close):
             continue  # of a cycle that was not completed, which counts nothing
         if not hits:
-            raise DataError(
-                f"{name} does not fit the plateaus: row {at} (cycle {cycle:g}, {branch}, {pressure:g} kPa) has none",
-                "Check cycle, branch (unloading or loading) and pressure.",
-            )
+            cause = f"{name} does not fit the plateaus: row {at} (cycle {cycle:g}, {branch}, {pressure:g} kPa) has none"
+            raise DataError(cause, "Check cycle, branch (unloading or loading) and pressure.")
         found.setdefault(hits[0], []).append(elongation)
         if reason:
             confirmed[hits[0]] = reason

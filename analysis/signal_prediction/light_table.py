@@ -39,9 +39,7 @@ _SHAPES = 91  # solved, over the pressures
 FIRST = 105  # elongations, before the refinement
 _STATES = 15  # of one sweep
 _MOST = 1500
-_TOLERANCE = (
-    1e-3  # of the light's range, in the middle of an interval; one that fails it is split, as are its neighbours
-)
+_TOLERANCE = 1e-3  # of the light's range, in the middle of an interval; one that fails it and its neighbours are split
 LEAST_RAYS = 10.0  # that the middle must be off by: fewer are the chance of a fan
 NARROWEST_MM = 5e-4
 _RAYS = 20_000
@@ -119,9 +117,8 @@ class GuideShapes:
         curves = [both_guides(full.guides.tracked.positions(one.displacement_mm)) for one in solved]
         x = np.asarray([one.elongation_mm for one in solved])
         if not (np.diff(x) > 0).all():
-            raise RequestError(
-                "this actuator does not lengthen with every step of pressure", "check its parameters: walls and neck"
-            )
+            cause = "this actuator does not lengthen with every step of pressure"
+            raise RequestError(cause, "check its parameters: walls and neck")
         self.range_mm = float(x[0]), float(x[-1])
         self.at = CubicSpline(x, np.asarray(curves))
 

@@ -125,9 +125,8 @@ def predict_run(
 ) -> RunPrediction:
     """Return a run beside the chain: pressure, elongation by the hysteresis, light, signals."""
     if recording.n_sensors != len(sensors):
-        raise DataError(
-            f"the run has {recording.n_sensors} sensors, the calibration {len(sensors)}", "Choose a run of this unit."
-        )
+        cause = f"the run has {recording.n_sensors} sensors, the calibration {len(sensors)}"
+        raise DataError(cause, "Choose a run of this unit.")
     pressure = np.where(recording.pressure_usable, recording.pressure_kpa, np.nan)
     known = np.isfinite(pressure)
     expected = np.full(len(pressure), np.nan)

@@ -238,9 +238,8 @@ class MarkTracker:
         if not self.optics.mark_mm:  # a millimetre was the marks' side until here
             side_mm = find_side(grey, self.plane)
             if side_mm is None:
-                raise DataError(
-                    "no millimetre grid is seen in the picture", "State the side of the marks' black square."
-                )
+                cause = "no millimetre grid is seen in the picture"
+                raise DataError(cause, "State the side of the marks' black square.")
             self.side_mm = side_mm
             self.plane = learn_plane(corners[:, 0], corners[:, 1], side_mm, self.optics)
         tips = project(self.plane.to_mm, corners[:, 1].reshape(-1, 2)).reshape(-1, 4, 2)

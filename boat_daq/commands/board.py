@@ -46,7 +46,7 @@ CameraOption = Annotated[
     typer.Option(
         "--camera",
         metavar="KEY=VALUE",
-        help="Setting of the virtual camera: tilt_deg, distortion, noise_grey, texture, ...",
+        help="Setting of the virtual camera: tilt_deg, distortion, noise_grey, ...",
     ),
 ]
 

@@ -123,21 +123,17 @@ def _entry(file: Path, request: SessionRequest, *, growing: bool) -> Callable[[S
 
     With `growing` the file grows while the plan is run. RequestError: as `check_against_plan`, where a run begins.
     """
-    from boat_daq.engine.session.reading_sources import (
-        check_against_plan,
-        enter_readings,
-        read_elongation_csv,
-        readings_so_far,
-    )
+    from boat_daq.engine.session.reading_sources import check_against_plan, enter_readings, readings_so_far
+    from protocol.recording.elongation_file import read_elongation_rows
 
-    plan, readings = request.plan, read_elongation_csv(file)
+    plan, readings = request.plan, read_elongation_rows(file)
     if plan is not None and request.broken is None and not growing:
         check_against_plan(readings, plan)
 
     def enter(session: Session) -> None:
         rows = readings
         if growing and plan is not None:
-            rows = readings_so_far(read_elongation_csv(file), plan, session.steps())
+            rows = readings_so_far(read_elongation_rows(file), plan, session.steps())
         enter_readings(session, rows)
 
     return enter

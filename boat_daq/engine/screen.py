@@ -117,9 +117,8 @@ def _require_plugin(name: str) -> None:
     plugin = folder / f"libq{name}.so"
     if not plugin.is_file():
         known = ", ".join(sorted(path.stem.removeprefix("libq") for path in folder.glob("libq*.so")))
-        raise RequestError(
-            f"QT_QPA_PLATFORM is {name!r}, which Qt does not know", f"Unset it, or choose one of: {known}."
-        )
+        cause = f"QT_QPA_PLATFORM is {name!r}, which Qt does not know"
+        raise RequestError(cause, f"Unset it, or choose one of: {known}.")
     try:
         ctypes.CDLL(str(plugin))
     except OSError as error:
@@ -163,7 +162,5 @@ def _require_x_display() -> None:
     refused = xcb.xcb_connection_has_error(connection)
     xcb.xcb_disconnect(connection)
     if refused:
-        raise RequestError(
-            f"the display {name} does not answer, or refuses this user",
-            f"Correct DISPLAY (this session's own display is often :0), or {WITHOUT_WINDOW}",
-        )
+        cause = f"the display {name} does not answer, or refuses this user"
+        raise RequestError(cause, f"Correct DISPLAY (this session's own display is often :0), or {WITHOUT_WINDOW}")

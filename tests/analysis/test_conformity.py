@@ -82,19 +82,6 @@ def test_a_void_value_is_undetermined() -> None:
     assert conformity_statement(math.nan, (1.0, 1.0), (0.0, 1.0)).conformity is Conformity.UNDETERMINED
 
 
-@pytest.mark.parametrize("u", [1.0, 2.0])
-def test_few_degrees_of_freedom_make_conformity_less_certain(u: float) -> None:
-    """One standard uncertainty inside with 2 degrees of freedom: p = 1 - 1/2 (1 - 1/sqrt(3)), in closed form."""
-    expanded = 4.302653 * u
-    found = conformity_statement(10.0 - u, (expanded, expanded), (-math.inf, 10.0), dof=2.0)
-    assert found.probability == pytest.approx(1.0 - 0.5 * (1.0 - 1.0 / math.sqrt(3.0)), abs=1e-6)
-
-
-def test_simple_acceptance_shares_the_risk() -> None:
-    """Without a guard band a value within its limit passes."""
-    assert conformity_statement(9.99, (1.0, 1.0), (-math.inf, 10.0), guard_factor=0.0).conformity is Conformity.PASS
-
-
 @settings(max_examples=100)
 @given(
     st.floats(-50, 50), st.floats(0.01, 5), st.floats(0.01, 5), st.floats(-20, 0), st.floats(0.1, 20),

@@ -33,7 +33,6 @@ from boat_daq.engine.plan import load_plan
 from boat_daq.engine.recording.recovery import find_interrupted, recover
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.verify import verify_recording
-from boat_daq.engine.session.reading_sources import read_elongation_csv
 from boat_daq.engine.settings import UnitLibrary, load_settings
 from protocol.base.errors import BoatDaqError
 from protocol.link.bulk import decode_samples
@@ -41,6 +40,7 @@ from protocol.link.connection import Connection
 from protocol.link.events import Samples
 from protocol.link.framing import COLLECT_MAX, Frame, FrameReader, encode_frame
 from protocol.link.messages import decode_command, decode_message
+from protocol.recording.elongation_file import read_elongation_rows
 from protocol.simulator.board import VirtualBoard
 from protocol.text.connection import TextConnection
 from protocol.text.packets import parse_format
@@ -231,7 +231,7 @@ def column_map(data: bytes) -> None:
 def elongation(data: bytes) -> None:
     path = kept(data, "readings.csv")
     attempt(lambda: read_elongation_file(path))
-    attempt(lambda: read_elongation_csv(path))
+    attempt(lambda: read_elongation_rows(path))
 
 
 def compression(data: bytes) -> None:

@@ -33,7 +33,7 @@ from analysis.reports.build import write_report
 from analysis.shadow.fem.mesh_files import read_mesh
 from analysis.shadow.fem.parameters import read_parameters
 from boat_daq.engine.plan import load_plan
-from boat_daq.engine.session.reading_sources import read_elongation_csv
+from protocol.recording.elongation_file import read_elongation_rows
 from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.settings import UnitLibrary, load_settings
 from boat_daq.engine.recording.summary import summarise
@@ -44,7 +44,7 @@ limit = pages * resource.getpagesize() + (300 << 20)
 resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
 folder = Path(sys.argv[1])
 readers = {
-    "line.csv": (import_csv, read_elongation_file, read_elongation_csv, read_curves),
+    "line.csv": (import_csv, read_elongation_file, read_elongation_rows, read_curves),
     "columns.csv": (import_csv, read_elongation_file),
     "rows.csv": (read_curves,),
     "map.json": (load_map,), "plan.toml": (lambda p: load_plan(str(p)), load_profile, read_parameters),

@@ -21,15 +21,15 @@ from boat_daq.engine.plan import load_plan
 from boat_daq.engine.recording.recovery import recover
 from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.verify import verify_recording
-from boat_daq.engine.session.reading_sources import read_elongation_csv
 from boat_daq.engine.settings import UnitLibrary, load_settings
 from protocol.base.errors import FileError
+from protocol.recording.elongation_file import read_elongation_rows
 from protocol.text.profile import load_profile
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="FIFOs and /dev/zero are Unix's")
 
 READERS: dict[str, tuple[Callable[[Path], object], ...]] = {
-    "run.csv": (import_csv, load_recording, read_elongation_file, read_elongation_csv, read_curves),
+    "run.csv": (import_csv, load_recording, read_elongation_file, read_elongation_rows, read_curves),
     "run.boat": (load_recording, summarise, recover, verify_recording),
     "plan.toml": (lambda path: load_plan(str(path)), read_parameters, read_scene),
     "settings.toml": (lambda path: load_settings(path.parent),),

@@ -76,10 +76,8 @@ def biarcs(points: FloatArray, tangents: FloatArray) -> ArcSpline:
     open_ = 2 * (1 - np.sum(t0 * t1, axis=1))
     square = np.sum(v * v, axis=1)
     if np.any(np.sum(v * t0, axis=1) <= 0) or np.any(np.sum(v * t1, axis=1) <= 0):
-        raise DataError(
-            "a guide doubles back on itself between two of its points",
-            "give its points in order along the guide, and more of them where it bends sharply",
-        )
+        cause = "a guide doubles back on itself between two of its points"
+        raise DataError(cause, "give its points in order along the guide, and more of them where it bends sharply")
     d = (square / (both + np.sqrt(both**2 + np.maximum(open_, 0.0) * square)))[:, None]
     middle = (points[:-1] + d * t0 + points[1:] - d * t1) / 2
     along = v - d * (t0 + t1)

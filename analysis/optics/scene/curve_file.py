@@ -62,10 +62,8 @@ def _stack(states: list[list[FloatArray]], path: Path) -> FloatArray:
     if min(lengths) < POINTS:
         raise FileError(f"{path}: a guide has {min(lengths)} points", f"give {POINTS} points or more for each guide")
     if len(lengths) > 1:
-        raise FileError(
-            f"{path}: guides have {', '.join(map(str, sorted(lengths)))} points",
-            "give every guide the same number of points",
-        )
+        cause = f"{path}: guides have {', '.join(map(str, sorted(lengths)))} points"
+        raise FileError(cause, "give every guide the same number of points")
     return np.array(states)
 
 
@@ -170,9 +168,8 @@ def _named(head: list[str], body: list[list[str]], path: Path) -> list[list[Floa
 def _two(labels: np.ndarray[tuple[int], np.dtype[np.str_]], path: Path) -> list[str]:
     found = list(dict.fromkeys(labels.tolist()))
     if len(found) != 2:
-        raise FileError(
-            f"{path}: a state has {len(found)} guides ({', '.join(found)})", "name two guides in every state"
-        )
+        cause = f"{path}: a state has {len(found)} guides ({', '.join(found)})"
+        raise FileError(cause, "name two guides in every state")
     return found
 
 
@@ -199,9 +196,8 @@ def _plain(table: FloatArray, path: Path) -> list[list[FloatArray]]:
     if len(runs) <= 2:
         return [_pair(runs, path)]
     if len(runs) % 2:
-        raise FileError(
-            f"{path} holds {len(runs)} guides", f"give two guides for one state, or {2 * STATES} for {STATES}"
-        )
+        cause = f"{path} holds {len(runs)} guides"
+        raise FileError(cause, f"give two guides for one state, or {2 * STATES} for {STATES}")
     return [runs[i : i + 2] for i in range(0, len(runs), 2)]
 
 
@@ -209,9 +205,8 @@ def _pair(runs: list[FloatArray], path: Path) -> list[FloatArray]:
     if len(runs) == 1:
         return [runs[0], mirrored(runs[0], path)]
     if len(runs) != 2:
-        raise FileError(
-            f"{path}: a state has {len(runs)} guides", "separate two guides by a blank line, or name them in a column"
-        )
+        cause = f"{path}: a state has {len(runs)} guides"
+        raise FileError(cause, "separate two guides by a blank line, or name them in a column")
     return runs
 
 

@@ -70,14 +70,11 @@ def checked_curves(curves: FloatArray) -> FloatArray:
     """Return `curves` as float64 (states, 2, points, 2), checked."""
     curves = np.asarray(curves, dtype=np.float64)
     if curves.ndim != 4 or curves.shape[1] != 2 or curves.shape[3] != 2:
-        raise DataError(
-            f"curves of shape {curves.shape} are not (states, 2 guides, points, 2 coordinates)",
-            "give x and z of two guides for each state",
-        )
+        cause = f"curves of shape {curves.shape} are not (states, 2 guides, points, 2 coordinates)"
+        raise DataError(cause, "give x and z of two guides for each state")
     if curves.shape[0] not in (1, STATES):
-        raise DataError(
-            f"curves of {curves.shape[0]} states", f"give {STATES} states, most compressed first, or a single one"
-        )
+        remedy = f"give {STATES} states, most compressed first, or a single one"
+        raise DataError(f"curves of {curves.shape[0]} states", remedy)
     if curves.shape[2] < POINTS:
         raise DataError(f"{curves.shape[2]} points a guide are too few", f"give {POINTS} points or more for each guide")
     if not np.all(np.isfinite(curves)):

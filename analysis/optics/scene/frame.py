@@ -172,10 +172,8 @@ def check_bends(curve: ArcSpline, half: float, name: str) -> None:
     """Reject a guide whose edge would fold over in a bend. Raises DataError: the radius is too small."""
     tightest = float(np.max(np.abs(curve.curvature)))
     if tightest * half > _TIGHTEST:
-        raise DataError(
-            f"{name} bends to a radius of {1 / tightest:.3g} mm, too tight for a guide {2 * half:g} mm thick",
-            "use a thinner guide or a smoother curve",
-        )
+        cause = f"{name} bends to a radius of {1 / tightest:.3g} mm, too tight for a guide {2 * half:g} mm thick"
+        raise DataError(cause, "use a thinner guide or a smoother curve")
 
 
 def two_guides(left: ArcSpline, right: ArcSpline, guide: Waveguide, name: str = "the guides") -> SceneFrame:
@@ -235,16 +233,13 @@ def _crotch(left: ArcSpline, right: ArcSpline, half: float, name: str) -> tuple[
     u, _ = offset_of(right, left.offset(s, -half))
     clear = np.flatnonzero(u > half)
     if not clear.size:
-        raise DataError(
-            f"{name}: the two guides touch along their whole length",
-            f"bow them apart by more than the guide's thickness of {2 * half:g} mm, or use a thinner guide",
-        )
+        remedy = f"bow them apart by more than the guide's thickness of {2 * half:g} mm, or use a thinner guide"
+        raise DataError(f"{name}: the two guides touch along their whole length", remedy)
     if clear[0] == 0:
         if np.hypot(*(left.nodes[0, :2] - right.nodes[0, :2])) < half:
             raise DataError(f"{name}: the two guides cross", "let each guide stay on its side of the axis")
-        raise DataError(
-            f"{name}: the two guides do not meet at their junction", "let both curves share their end points"
-        )
+        cause = f"{name}: the two guides do not meet at their junction"
+        raise DataError(cause, "let both curves share their end points")
     s_left = float(brentq(gap, s[clear[0] - 1], s[clear[0]], xtol=1e-14, rtol=1e-15))
     _, s_right = offset_of(right, left.offset(np.array([s_left]), -half))
     return s_left, float(s_right[0])
@@ -257,9 +252,8 @@ def _check_apart(left: ArcSpline, right: ArcSpline, ends: FloatArray, half: floa
         s = np.linspace(ends[number, 0], ends[number, 1], _SAMPLES)[1:-1]
         away, _ = offset_of(b, a.offset(s, u))
         if ends[number, 0] >= ends[number, 1] or np.any(np.abs(away) < half - margin):
-            raise DataError(
-                f"{name}: the two guides touch between their junctions", "bow them further apart or use a thinner guide"
-            )
+            cause = f"{name}: the two guides touch between their junctions"
+            raise DataError(cause, "bow them further apart or use a thinner guide")
         points = a.frame(s)[0]
         near = np.flatnonzero(cdist(points[::8], points, "sqeuclidean") < (2 * half) ** 2)
         i, j = np.divmod(near, len(points))
@@ -274,10 +268,8 @@ def _junction(
     half, centre = guide.thickness_mm / 2, left.nodes[0, :2]
     both = left.nodes[0, 2:4] + right.nodes[0, 2:4]
     if np.hypot(*both) < 0.35:
-        raise DataError(
-            f"{name}: the guides leave their junction in opposite directions",
-            "let them leave it side by side, each within 80 degrees of the stem",
-        )
+        cause = f"{name}: the guides leave their junction in opposite directions"
+        raise DataError(cause, "let them leave it side by side, each within 80 degrees of the stem")
     out = -both / np.hypot(*both)
     across = np.array([out[1], -out[0]])
     far = guide.stem_mm + (guide.backing_mm if end == JUNCTION_START else 0.0)
@@ -322,10 +314,8 @@ def _leaves_stem(curve: ArcSpline, s_crotch: float, half: float, side: float, ac
     s = np.linspace(0.0, s_crotch, 200)
     out = np.flatnonzero((curve.offset(s, side * half) - curve.nodes[0, :2]) @ across * side > half)
     if not out.size:
-        raise DataError(
-            f"{name}: the guides leave their junction too steeply curved for its stem",
-            "use a thinner guide or a smoother curve at the ends",
-        )
+        cause = f"{name}: the guides leave their junction too steeply curved for its stem"
+        raise DataError(cause, "use a thinner guide or a smoother curve at the ends")
     return 0.0 if out[0] == 0 else float(brentq(height, s[out[0] - 1], s[out[0]], xtol=1e-14, rtol=1e-15))
 
 

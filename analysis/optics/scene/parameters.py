@@ -39,10 +39,8 @@ def _finite(name: str, value: float) -> None:
 def _between(name: str, value: float, low: float, high: float, unit: str = "") -> None:
     _finite(name, value)
     if not low <= value <= high:
-        raise ChoiceError(
-            f"{name} is {value:g}{unit}, outside {low:g} to {high:g}{unit}",
-            f"choose {name} within {low:g} to {high:g}{unit}",
-        )
+        cause = f"{name} is {value:g}{unit}, outside {low:g} to {high:g}{unit}"
+        raise ChoiceError(cause, f"choose {name} within {low:g} to {high:g}{unit}")
 
 
 def _one_of(name: str, value: str, allowed: tuple[str, ...]) -> None:
@@ -68,10 +66,8 @@ class Design:
         _between("cavity depth", self.depth_mm, 0.001, 50.0, " mm")
         _finite("cavity spacing", self.spacing_mm)
         if self.spacing_mm <= 0 and self.cavities > 1:
-            raise ChoiceError(
-                f"cavities overlap: a spacing of {self.spacing_mm:g} mm puts each into its neighbour",
-                "choose a spacing above 0 mm",
-            )
+            cause = f"cavities overlap: a spacing of {self.spacing_mm:g} mm puts each into its neighbour"
+            raise ChoiceError(cause, "choose a spacing above 0 mm")
         if self.spacing_mm < WAVELENGTH_MM and self.cavities > 1:
             raise ChoiceError(
                 f"a spacing of {self.spacing_mm:g} mm is below the wavelength of the light, where rays mean nothing",
@@ -160,10 +156,8 @@ class Light:
         _between("path cap", self.path_cap_mm, 1.0, 1e7, " mm")
         _between("faintest power", self.faintest, 0.0, 0.1)
         if self.secondary == ALL and self.faintest < LEAST_FAINTEST:
-            raise ChoiceError(
-                f"all reflected parts down to a power of {self.faintest:g} are too many to follow",
-                f"choose a faintest power of {LEAST_FAINTEST:g} or more",
-            )
+            cause = f"all reflected parts down to a power of {self.faintest:g} are too many to follow"
+            raise ChoiceError(cause, f"choose a faintest power of {LEAST_FAINTEST:g} or more")
         _between("phase of the fan", self.phase, -0.5, 0.5)
 
     def with_rays(self, rays: int) -> Light:

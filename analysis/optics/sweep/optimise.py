@@ -80,9 +80,7 @@ class Optimum:
     checked_rays: int
     finished: bool  # False if the time ran out before the search converged
     by: By  # what P is computed from
-    error: (
-        float  # greatest error of the winners' responses in the final evaluation, rays of 250 at 2 standard deviations
-    )
+    error: float  # greatest of the winners' responses in the final evaluation, rays of 250 at 2 standard deviations
     work_rays: int  # rays released for each state in search, race and final evaluation
     race: Race | None = None
 

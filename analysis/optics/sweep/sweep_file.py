@@ -61,10 +61,8 @@ class SweepFile:
             cause = f"{path} cannot be used as a sweep's results: {error}"
             raise FileError(cause, "choose another folder") from error
         if kept != text:
-            raise RequestError(
-                f"{path} is of a sweep with other parameters",
-                "choose another folder, or remove the file to start over",
-            )
+            remedy = "choose another folder, or remove the file to start over"
+            raise RequestError(f"{path} is of a sweep with other parameters", remedy)
 
     @contextmanager
     def _open(self) -> Iterator[sqlite3.Connection]:

@@ -110,9 +110,8 @@ def _sources(frame: SceneFrame, design: Design, light: Light) -> list[dict[str, 
         angle = {"brightness": 1.0, "emisAngle": light.cone_deg, "symmetric": True}
         return [{"type": "AngleSource", **_ends(np.stack([emitter, emitter + turned])), **angle}]
     if light.rays > _MOST_SINGLE:
-        raise RequestError(
-            f"{light.rays} rays would be written one by one", f"choose {_MOST_SINGLE} or fewer, or a uniform emitter"
-        )
+        cause = f"{light.rays} rays would be written one by one"
+        raise RequestError(cause, f"choose {_MOST_SINGLE} or fewer, or a uniform emitter")
     g, fan = geometry_of(frame, design), fan_of(light)
     rays = (released(g, fan, i) for i in range(light.rays))
     ends = (_ends(np.array([[r.x, r.y], [r.x + r.dx, r.y + r.dy]])) for r in rays)

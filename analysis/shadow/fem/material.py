@@ -26,9 +26,8 @@ class NeoHookean:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.youngs_modulus_kpa) and self.youngs_modulus_kpa > 0):
-            raise RequestError(
-                f"Young's modulus is {self.youngs_modulus_kpa} kPa, not a positive number", "give a modulus above 0 kPa"
-            )
+            cause = f"Young's modulus is {self.youngs_modulus_kpa} kPa, not a positive number"
+            raise RequestError(cause, "give a modulus above 0 kPa")
         if not -1.0 < self.poisson_ratio <= 0.5 - NEAREST_TO_HALF:
             raise RequestError(
                 f"a Poisson's ratio of {self.poisson_ratio} is outside -1 .. 0.5 (less {NEAREST_TO_HALF:g})",

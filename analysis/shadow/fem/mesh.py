@@ -99,13 +99,9 @@ def check_quality(mesh: Mesh) -> None:
     if not np.isfinite(mesh.nodes).all():
         raise RequestError("the mesh has a node that is not a number", "repair the mesh file")
     if mesh.nodes[:, 0].min() < -1e-9:
-        raise RequestError(
-            f"the mesh reaches r = {mesh.nodes[:, 0].min():.3g} mm, beyond the axis",
-            "put the axis of the actuator at r = 0 and the mesh at r >= 0",
-        )
+        cause = f"the mesh reaches r = {mesh.nodes[:, 0].min():.3g} mm, beyond the axis"
+        raise RequestError(cause, "put the axis of the actuator at r = 0 and the mesh at r >= 0")
     found = scaled_jacobian(mesh)
     if found < WORST_SCALED_JACOBIAN:
-        raise RequestError(
-            f"no mesh can be built: an element is folded (scaled Jacobian {found:.2g})",
-            "choose more elements along a cell, or a shallower bladder",
-        )
+        remedy = "choose more elements along a cell, or a shallower bladder"
+        raise RequestError(f"no mesh can be built: an element is folded (scaled Jacobian {found:.2g})", remedy)

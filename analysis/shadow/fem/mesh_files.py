@@ -149,10 +149,8 @@ def from_meshio(found: meshio.Mesh, path: Path) -> Mesh:
     cells = by_part(found, path)
     missing = [name for name in ("lattice", "cavity", "base", "tip") if not len(cells[name])]
     if missing:
-        raise FileError(
-            f"{path.name} has no part named {', '.join(missing)}",
-            "mark lattice and wall as quad8, cavity, base and tip as line3, as `shadow export` does",
-        )
+        cause = f"{path.name} has no part named {', '.join(missing)}"
+        raise FileError(cause, "mark lattice and wall as quad8, cavity, base and tip as line3, as `shadow export` does")
     quads = np.concatenate([cells["lattice"], cells["wall"]])
     used, flat = np.unique(quads, return_inverse=True)
     rank = np.full(len(found.points), -1)
@@ -160,9 +158,8 @@ def from_meshio(found: meshio.Mesh, path: Path) -> Mesh:
     quads = flat.reshape(quads.shape)
     nodes = np.asarray(found.points, dtype=float)[used, :2]
     if not (np.abs(nodes) < FARTHEST_MM).all():
-        raise FileError(
-            f"{path.name} has a point that is not finite, or beyond {FARTHEST_MM:g} mm", "export the mesh again"
-        )
+        remedy = "export the mesh again"
+        raise FileError(f"{path.name} has a point that is not finite, or beyond {FARTHEST_MM:g} mm", remedy)
     nodes[:, 1] -= nodes[:, 1].min()
     mesh = Mesh(
         nodes,
@@ -218,10 +215,8 @@ def by_part(found: meshio.Mesh, path: Path) -> dict[str, IntArray]:
     numbers = {name: int(data[0]) for name, data in found.field_data.items() if name in PARTS} or PARTS
     labels = found.cell_data.get("gmsh:physical") or found.cell_data.get("part")
     if labels is None:
-        raise FileError(
-            f"{path.name} does not mark which cells are lattice, wall, cavity, base and tip",
-            "give it physical groups (Gmsh) or a cell array 'part'",
-        )
+        cause = f"{path.name} does not mark which cells are lattice, wall, cavity, base and tip"
+        raise FileError(cause, "give it physical groups (Gmsh) or a cell array 'part'")
     parts: dict[str, IntArray] = {}
     for name in PARTS:
         kind, width = ("quad8", 8) if name in ("lattice", "wall") else ("line3", 3)

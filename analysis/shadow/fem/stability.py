@@ -133,8 +133,6 @@ def find_limit(solver: Solver, stability: Stability, length_mm: float, direction
             step /= 2.0
             halvings += 1
     if last.pressure_kpa == 0.0:
-        raise ConvergenceError(
-            "no stable state can be computed beside the one at rest",
-            "make the moduli and the sizes of the elements more alike",
-        )
+        cause = "no stable state can be computed beside the one at rest"
+        raise ConvergenceError(cause, "make the moduli and the sizes of the elements more alike")
     return CriticalState(last.pressure_kpa, last.elongation_mm, mode)

@@ -92,10 +92,8 @@ def check_values(pressure_kpa: float | None, elongation_mm: float | None) -> Non
         raise ChoiceError("neither a pressure nor an elongation is given", "give one of them, or both")
     for name, value in (("pressure", pressure_kpa), ("elongation", elongation_mm)):
         if value is not None and not math.isfinite(value):
-            raise DataError(
-                f"the {name} is {value}, not a number",
-                "give a finite number; a calibration returns NaN outside its range",
-            )
+            cause = f"the {name} is {value}, not a number"
+            raise DataError(cause, "give a finite number; a calibration returns NaN outside its range")
 
 
 def check_condition(problem: Problem) -> None:
@@ -103,10 +101,8 @@ def check_condition(problem: Problem) -> None:
     rest = np.zeros_like(problem.nodes)
     one_kpa = float(np.linalg.norm(problem.balance(rest, 1.0).area))
     if problem.roundoff_mn > HIDDEN_SHARE * one_kpa:
-        raise RequestError(
-            "the actuator is so stiff that rounding hides a pressure of 1 kPa",
-            "make the moduli smaller, or Poisson's ratios less near to 0.5",
-        )
+        cause = "the actuator is so stiff that rounding hides a pressure of 1 kPa"
+        raise RequestError(cause, "make the moduli smaller, or Poisson's ratios less near to 0.5")
     reference = compressible(problem)
     root = np.sqrt(reference.tangent(rest, 0.0)[:, 0])
     factor = factorise(reference, rest, 0.0, held=False)

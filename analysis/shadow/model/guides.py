@@ -95,10 +95,8 @@ def embed(mesh: Mesh, points: FloatArray, length_mm: float) -> Embedding:
     owner, values = locate(mesh, points[between])
     if (owner < 0).any() or (mesh.material[owner] != 0).any():
         r, z = points[between][(owner < 0) | (mesh.material[owner] != 0)][0]
-        raise RequestError(
-            f"a guide leaves the lattice at r = {r:.1f} mm, {z:.1f} mm above the base",
-            "change guide_bow_mm or guide_end_mm so that it runs between bladder and envelope",
-        )
+        cause = f"a guide leaves the lattice at r = {r:.1f} mm, {z:.1f} mm above the base"
+        raise RequestError(cause, "change guide_bow_mm or guide_end_mm so that it runs between bladder and envelope")
     inner = np.flatnonzero(between)
     above = np.flatnonzero(points[:, 1] >= length_mm)
     rows = np.concatenate([np.repeat(inner, 8), above])

@@ -15,9 +15,10 @@ from scipy import stats
 
 from analysis.data.csv_table import Table, read_table
 from protocol.base.arrays import FloatArray
-from protocol.base.errors import ChoiceError, DataError, FileError, RequestError
+from protocol.base.errors import DataError, FileError, RequestError
 
 FEWEST_POINTS = 5
+WINDOW = (0.02, 0.10)  # strains of the line, from contact
 CONTACT_SHARE = 0.01
 STRAIGHT_R2 = 0.95
 FORCE_N = {"n": 1.0, "mn": 1e-3, "kn": 1e3}
@@ -96,35 +97,28 @@ def factor(units: dict[str, float], unit: str, path: Path) -> float:
     return units.get(unit, 1.0)
 
 
-def specimen_modulus(test: CompressionTest, window: tuple[float, float] = (0.02, 0.10)) -> SpecimenModulus:
-    """Return one specimen's modulus; `window` are the strains of the line, counted from contact."""
-    check_request(test, window)
+def specimen_modulus(test: CompressionTest) -> SpecimenModulus:
+    """Return one specimen's modulus: the slope of the line between the strains of `WINDOW`, counted from contact."""
+    for name, value in (("height", test.height_mm), ("area", test.area_mm2)):
+        if not (np.isfinite(value) and value > 0.0):
+            raise RequestError(f"the specimen's {name} is {value}", f"give the {name} at rest, above zero")
     strain, stress, contact = loading_branch(test)
-    inside = (strain - contact >= window[0]) & (strain - contact <= window[1])
-    if inside.sum() < FEWEST_POINTS or np.ptp(strain[inside]) < 0.5 * (window[1] - window[0]):
+    inside = (strain - contact >= WINDOW[0]) & (strain - contact <= WINDOW[1])
+    if inside.sum() < FEWEST_POINTS or np.ptp(strain[inside]) < 0.5 * (WINDOW[1] - WINDOW[0]):
         raise DataError(
-            f"{test.name}: {int(inside.sum())} points between {100 * window[0]:g} and {100 * window[1]:g} % "
+            f"{test.name}: {int(inside.sum())} points between {100 * WINDOW[0]:g} and {100 * WINDOW[1]:g} % "
             f"strain (the test reaches {100 * (strain.max() - contact):.1f} %)",
-            "compress further, sample faster, or move the window",
+            "compress further, or sample faster",
         )
     fit = stats.linregress(strain[inside], stress[inside])
     slope, r2 = float(fit.slope), float(fit.rvalue) ** 2
     if slope <= 0.0 or r2 < STRAIGHT_R2:
         raise DataError(
             f"{test.name} is not a compression test: force against displacement is no rising line between "
-            f"{100 * window[0]:g} and {100 * window[1]:g} % strain (slope {slope:.3g} kPa, R2 {r2:.2f})",
-            "check the columns, or choose a window before the lattice buckles",
+            f"{100 * WINDOW[0]:g} and {100 * WINDOW[1]:g} % strain (slope {slope:.3g} kPa, R2 {r2:.2f})",
+            "check the columns; the lattice must not buckle in it",
         )
     return SpecimenModulus(test.name, slope, float(fit.stderr), r2, int(inside.sum()))
-
-
-def check_request(test: CompressionTest, window: tuple[float, float]) -> None:
-    """Reject an impossible size or window."""
-    for name, value in (("height", test.height_mm), ("area", test.area_mm2)):
-        if not (np.isfinite(value) and value > 0.0):
-            raise RequestError(f"the specimen's {name} is {value}", f"give the {name} at rest, above zero")
-    if not 0.0 <= window[0] < window[1] <= 0.8:
-        raise ChoiceError(f"the window is from {window[0]} to {window[1]} strain", "give 0 <= from < to <= 0.8")
 
 
 def loading_branch(test: CompressionTest) -> tuple[FloatArray, FloatArray, float]:
@@ -137,16 +131,13 @@ def loading_branch(test: CompressionTest) -> tuple[FloatArray, FloatArray, float
     turn = int(np.argmax(np.abs(travel)))
     force, travel = force[: turn + 1], travel[: turn + 1]
     if len(travel) < FEWEST_POINTS or travel[-1] == 0.0:
-        raise DataError(
-            f"{test.name} is not a compression test: the displacement does not grow",
-            "check which column is the displacement",
-        )
+        cause = f"{test.name} is not a compression test: the displacement does not grow"
+        raise DataError(cause, "check which column is the displacement")
     travel, force = travel * np.sign(travel[-1]), force * np.sign(force[np.argmax(np.abs(force))] or 1.0)
     height = float(np.ptp(force))
     if height == 0.0:
-        raise DataError(
-            f"{test.name} is not a compression test: the force never changes", "check which column is the force"
-        )
+        remedy = "check which column is the force"
+        raise DataError(f"{test.name} is not a compression test: the force never changes", remedy)
     touched = int(np.argmax(force - force[: max(3, len(force) // 50)].mean() >= CONTACT_SHARE * height))
     strain = travel / test.height_mm
     if strain[-1] >= 1.0:

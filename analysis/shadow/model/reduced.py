@@ -73,10 +73,8 @@ class ReducedModel:
         inside = self.holds(p, q)
         if not inside.all():
             worst = int(np.flatnonzero(~inside)[0])
-            raise RequestError(
-                f"{p[worst]:g} kPa with {q[worst]:g} mm is outside the table ({self.rectangle})",
-                "use the full model there",
-            )
+            cause = f"{p[worst]:g} kPa with {q[worst]:g} mm is outside the table ({self.rectangle})"
+            raise RequestError(cause, "use the full model there")
         along = chebyshev.basis(p, self.pressure_range_kpa, self.amplitudes.shape[0])
         across = chebyshev.basis(q, self.elongation_range_mm, self.amplitudes.shape[1])
         products: FloatArray = np.einsum("ni,nj->nij", along, across).reshape(len(p), -1)

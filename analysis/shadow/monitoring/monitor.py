@@ -100,10 +100,8 @@ def as_columns(
     """Return times and pressures of shape (n,) and elongations of shape (n, sensors), of (n,) or (n, sensors)."""
     t, p, x = (np.asarray(values, dtype=float) for values in (time_s, pressure_kpa, elongations_mm))
     if not len(t) == len(p) == len(x):
-        raise DataError(
-            f"{len(t)} times, {len(p)} pressures and {len(x)} elongations differ in number",
-            "give one of each for every sample",
-        )
+        cause = f"{len(t)} times, {len(p)} pressures and {len(x)} elongations differ in number"
+        raise DataError(cause, "give one of each for every sample")
     return t, p, x[:, None] if x.ndim == 1 else x
 
 

@@ -87,10 +87,8 @@ def replay(
     """Compare a recording with the shadow."""
     t, p, x = monitoring.as_columns(time_s, pressure_kpa, elongations_mm)
     if not (np.isfinite(x).any(axis=1) & np.isfinite(p)).any():
-        raise DataError(
-            "the recording has no sample with both pressure and elongation",
-            "give a calibration that covers its signals",
-        )
+        cause = "the recording has no sample with both pressure and elongation"
+        raise DataError(cause, "give a calibration that covers its signals")
     mean = monitoring.mean_over_sensors(x)
     deviation = monitoring.deviation_mm(table, p, mean)
     monitor = Monitor(table)

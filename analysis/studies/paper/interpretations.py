@@ -156,9 +156,8 @@ def _compared(reading: PaperReading, sampling: Sampling, turned: FanResult, resu
     merit = result.merit()
     best, paper = int(np.argmax(turned.p[0])), find_design(turned.designs)
     if paper is None:
-        raise RequestError(
-            "the paper's design is not among those swept", "keep its width, depth and spacing in the grid"
-        )
+        cause = "the paper's design is not among those swept"
+        raise RequestError(cause, "keep its width, depth and spacing in the grid")
     ranks = turned.ranks()
     rises, rmse = np.maximum(merit.n_sign, 1.0), np.maximum(merit.rmse, result.floor)
     factors = {

@@ -70,9 +70,8 @@ def calibration_rows(found: Analysis) -> list[PaperRow]:
             figure = sensor.figures[key]
             rows.append(PaperRow(f"sensor {number}: {name}", unit, value, figure.value, figure.low, figure.high))
     system = found.system_sensitivity
-    rows.append(
-        PaperRow("system: sensitivity", "mV/mm", SYSTEM_SENSITIVITY_MV_PER_MM, system.value, system.low, system.high)
-    )
+    text = "system: sensitivity"
+    rows.append(PaperRow(text, "mV/mm", SYSTEM_SENSITIVITY_MV_PER_MM, system.value, system.low, system.high))
     if (fit := found.sensors[0].calibration) is not None:
         for end, kpa, published in zip(fit.x_range, ("-40", "+50"), RANGE_MM, strict=True):
             rows.append(

@@ -102,9 +102,8 @@ def open_source(name: str, *, allow_remote: bool = False) -> CameraSource:
         _check_address(name, parts, allow_remote=allow_remote)
         return MjpegAddress(name, parts) if parts.scheme == "http" else _Capture(name, _open_rtsp(name), live=True)
     if "://" in name:
-        raise RequestError(
-            f"{name} is no source of pictures", "give a camera's number, a video file, http:// or rtsp://"
-        )
+        cause = f"{name} is no source of pictures"
+        raise RequestError(cause, "give a camera's number, a video file, http:// or rtsp://")
     return open_video(Path(name))
 
 
@@ -190,9 +189,8 @@ def _open_file(path: Path) -> Any:
         capture = cv.VideoCapture(str(path), cv.CAP_FFMPEG)
         size = capture.get(cv.CAP_PROP_FRAME_WIDTH) * capture.get(cv.CAP_PROP_FRAME_HEIGHT)
         if not capture.isOpened() or not 0 < size <= PIXELS_MAX:
-            raise RequestError(
-                f"{path.name} is no video", f"give one that plays, such as {', '.join(_VIDEO_SUFFIXES[:5])}"
-            )
+            cause = f"{path.name} is no video"
+            raise RequestError(cause, f"give one that plays, such as {', '.join(_VIDEO_SUFFIXES[:5])}")
         return capture
 
 
@@ -266,9 +264,8 @@ class MjpegAddress:
             self._answer = self._connection.getresponse()
         except (OSError, http.client.HTTPException) as error:
             self._connection.close()
-            raise DeviceError(
-                f"{name} does not answer: {error}", "check the address, and that the camera is on"
-            ) from None
+            remedy = "check the address, and that the camera is on"
+            raise DeviceError(f"{name} does not answer: {error}", remedy) from None
         kind = self._answer.headers.get_content_type()
         if self._answer.status != 200 or not kind.startswith("multipart/"):
             self._answer.close()

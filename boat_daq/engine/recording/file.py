@@ -122,9 +122,8 @@ class RecordingFile:
     def reopen(cls, path: Path, *, resume: bool = False) -> RecordingFile:
         """Open an existing, closed recording to add to it; to `resume` it, with its log on."""
         if not is_being_written(path) and fault_of_log(path):  # SQLite would remove it
-            raise StorageError(
-                f"{path} has a damaged log", "Recover the recording.", command=f"boat-daq recover {path}"
-            )
+            cause = f"{path} has a damaged log"
+            raise StorageError(cause, "Recover the recording.", command=f"boat-daq recover {path}")
         open_recording(path).close()
         refuse_newer(path)
         lock = WriterLock(path)

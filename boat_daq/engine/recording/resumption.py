@@ -82,9 +82,8 @@ class BrokenRun:
             was, given = getattr(self.plan, key), getattr(plan, key)
             if was != given:
                 cause = f"the plan of {self.path.name} has {key} {was}, not {given}"
-                raise RequestError(
-                    cause, "an interrupted run resumes with its own plan", command="omit --plan and its options"
-                )
+                remedy = "an interrupted run resumes with its own plan"
+                raise RequestError(cause, remedy, command="omit --plan and its options")
 
 
 def read_broken_run(path: Path) -> BrokenRun:

@@ -25,7 +25,6 @@ from boat_daq.engine.plan import Plan, StepMark
 from protocol.base.errors import RequestError
 from protocol.base.units import Quantity, UnitText
 from protocol.recording.elongation_file import ElongationRow as FileReading
-from protocol.recording.elongation_file import read_elongation_rows
 
 if TYPE_CHECKING:
     from boat_daq.engine.session.session import Session
@@ -34,14 +33,6 @@ SIMULATED_SOURCE = "simulated"
 SIMULATED_RESOLUTION_MM = 0.02  # a pixel, where a photograph shows 80 mm of the grid on 4,000
 READER_SD_MM = 0.005  # of the one who finds the tip in it, before rounding
 _NEAR_KPA = 3.0  # a row names its plateau by its target; no closer than this, or a third of the smallest step
-
-
-def read_elongation_csv(path: Path) -> tuple[FileReading, ...]:
-    """Return the rows of an elongation file."""
-    try:
-        return read_elongation_rows(path)
-    except RequestError as error:
-        raise RequestError(error.cause, error.remedy) from error
 
 
 def check_against_plan(readings: Sequence[FileReading], plan: Plan) -> None:

@@ -1,4 +1,4 @@
-"""The picture of a virtual camera: a unit on millimetre paper, with marks or a texture at base and tip.
+"""The picture of a virtual camera: a unit on millimetre paper, with marks at base and tip.
 
 Strategy: a pinhole camera with radial distortion looks at a plane. Where each of 3 x 3 points of a pixel meets the
 plane is computed once; a frame then draws the two cards at their places, of the true elongation's mean over the
@@ -41,7 +41,6 @@ class CameraScene:
     px_per_mm: float = 20.0
     mark_mm: float = 8.0  # side of a mark's black square
     apart_mm: float = 13.0  # from the base's mark to the tip's at rest, centre to centre
-    texture: bool = False  # random texture instead of marks
     tilt_deg: float = 0.0
     distortion: float = 0.0  # first radial term of the lens
     blur_px: float = 0.7  # standard deviation of the lens's blur
@@ -81,9 +80,8 @@ class Renderer:
     def __init__(self, scene: CameraScene) -> None:
         self.scene = scene
         self._cv = optional("cv2")
-        rng = np.random.default_rng((scene.seed, 1))
         self._plane = _plane_of_points(scene)
-        self._cards = [self._card(number, rng) for number in (0, 1)]
+        self._cards = [self._card(number) for number in (0, 1)]
         self._base_mm = -(scene.apart_mm / 2 + 1.5)
         self._whole = (slice(0, scene.height), slice(0, scene.width))
         self._points = self._background()
@@ -142,14 +140,10 @@ class Renderer:
         body = (abs(y) < 1.5) & (x > self._base_mm) & (x < self._base_mm + self.scene.apart_mm)
         return np.where(body, _BODY, ground).astype(np.float32)
 
-    def _card(self, number: int, rng: np.random.Generator) -> npt.NDArray[np.float32]:
-        """Return a card: the mark with a margin of one module, or a texture of the same size."""
+    def _card(self, number: int) -> npt.NDArray[np.float32]:
+        """Return a card: the mark with a margin of one module."""
         cv = self._cv
         dictionary = cv.aruco.getPredefinedDictionary(cv.aruco.DICT_4X4_50)
-        if self.scene.texture:
-            modules = rng.uniform(0, 255, (32, 32)).astype(np.float32)
-            modules = cv.resize(modules, (8 * _TEXELS, 8 * _TEXELS), interpolation=cv.INTER_CUBIC)
-            return np.asarray(np.clip(_BLACK + modules / 255 * (_WHITE - _BLACK), 0, 255), np.float32)
         modules = np.full((8, 8), 255, np.uint8)
         modules[1:7, 1:7] = cv.aruco.generateImageMarker(dictionary, number, 6)
         grey = _BLACK + modules.astype(np.float32) / 255 * (_WHITE - _BLACK)
@@ -232,20 +226,3 @@ def _plane_of_points(scene: CameraScene) -> npt.NDArray[np.float32]:
     x = distance_mm * rays[..., 0] / (math.cos(tilt) - rays[..., 0] * math.sin(tilt))
     y = rays[..., 1] * (distance_mm + x * math.sin(tilt))
     return np.stack([x, y], axis=-1).astype(np.float32)
-
-
-def checkerboard(
-    scene: CameraScene, tilt_deg: float, *, squares: tuple[int, int] = (9, 7), pitch_mm: float = 3.0
-) -> Picture:
-    """Return the picture of a checkerboard held before the camera."""
-    plane = _plane_of_points(replace(scene, tilt_deg=tilt_deg))
-    column = np.floor(plane[..., 0] / pitch_mm + squares[0] / 2)
-    row = np.floor(plane[..., 1] / pitch_mm + squares[1] / 2)
-    inside = (column >= 0) & (column < squares[0]) & (row >= 0) & (row < squares[1])
-    grey = np.where(inside & ((column + row) % 2 == 0), _BLACK, _WHITE)
-    picture = grey.reshape(scene.height, _POINTS, scene.width, _POINTS).mean(axis=(1, 3))
-    rng = np.random.default_rng((scene.seed, 3, round(100 * tilt_deg) % 36_000))
-    noise = scene.noise_grey * rng.standard_normal(picture.shape)
-    blurred: FloatArray = optional("cv2").GaussianBlur(picture, (0, 0), scene.blur_px)
-    rounded: Picture = np.clip(np.rint(blurred + noise), 0, 255).astype(np.uint8)
-    return rounded

@@ -84,7 +84,7 @@ def scene_of(values: Mapping[str, str]) -> CameraScene:
         except KeyError:
             raise ChoiceError(f"the virtual camera has no {name!r}", f"use one of {', '.join(kinds)}") from None
         except (ValueError, OverflowError):
-            raise ChoiceError(f"{text!r} is not a value of {name}", "give a number; 1 or 0 for texture") from None
+            raise ChoiceError(f"{text!r} is not a value of {name}", "give a number") from None
     scene = CameraScene(**parsed)
     if not (64 <= scene.width <= 4096 and 48 <= scene.height <= 4096 and 1 <= scene.px_per_mm <= 200):
         raise ChoiceError("a virtual camera of that size is not possible", "use 64 to 4096 pixels, 1 to 200 px/mm")
@@ -244,9 +244,7 @@ class VirtualCamera:
         ended = False
         while not ended:
             parts = [self._coming.get()]
-            while (
-                not self._coming.empty()
-            ):  # all that has passed meanwhile: else a slow picture would put off all later ones
+            while not self._coming.empty():  # else a slow picture would put off all later ones
                 parts.append(self._coming.get())
             ended = parts[-1] is None
             known = [part for part in parts if part is not None]

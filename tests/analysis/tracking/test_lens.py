@@ -16,9 +16,9 @@ import pytest
 from analysis.tracking.lens import Lens, Picture, calibrate_lens, lens_of, read_lens
 from analysis.tracking.marks import homography, project
 from analysis.tracking.tracker import UNKNOWN_LENS, Optics, learn_plane, square
-from boat_daq.engine.simulator.picture import checkerboard
 from protocol.base.errors import DataError, FileError, RequestError
 from tests.analysis.tracking.filmed_run import SMALL
+from tests.boat_daq.engine.simulator.checkerboard import checkerboard
 
 BENT = replace(SMALL, distortion=-0.12)
 LENS = Lens(((500.0, 0.0, 160.0), (0.0, 500.0, 120.0), (0.0, 0.0, 1.0)), (-0.1, 0.0, 0.0, 0.0, 0.0), (320, 240), 0.1, 6)

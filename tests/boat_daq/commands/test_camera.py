@@ -15,13 +15,14 @@ from analysis.data.load import load_recording
 from analysis.figures.stored_results import reproduce
 from boat_daq.commands.analyze import _filmed
 from boat_daq.engine.camera.source import VideoStore
-from boat_daq.engine.simulator.picture import CameraScene, Renderer, checkerboard
+from boat_daq.engine.simulator.picture import CameraScene, Renderer
 from boat_daq.workflows import camera_tracking
 from boat_daq.workflows.camera_tracking import CameraChoice, camera_choice
 from protocol.base.optional import optional
 from tests.analysis.boat_builder import write_boat
 from tests.analysis.tracking.filmed_run import LEVELS, filmed_run, with_camera
 from tests.boat_daq.commands.calls import call, program
+from tests.boat_daq.engine.simulator.checkerboard import checkerboard
 
 SCENE = CameraScene(width=160, height=120, px_per_mm=5.0)
 

@@ -14,13 +14,13 @@ from boat_daq.engine.session.reading_sources import (
     FileReading,
     check_against_plan,
     match_readings,
-    read_elongation_csv,
     readings_so_far,
     simulated_reading,
     truth_at_plateaus,
 )
 from protocol.base.errors import FileError, RequestError
 from protocol.base.units import ShownUnits, in_shown_units
+from protocol.recording.elongation_file import read_elongation_rows
 
 PLAN = dataclasses.replace(built_in_plans()["calibration"], cycles=2)
 STEPS = [StepMark(n, s.cycle, s.branch, s.target_kpa, 10.0, 0, status="reached") for n, s in enumerate(PLAN.steps, 1)]
@@ -131,7 +131,7 @@ def test_a_file_is_checked_before_anything_moves() -> None:
 )
 def test_files_as_spreadsheets_write_them(tmp_path: Path, text: str) -> None:
     """Comma, semicolon with decimal comma, tab; a mark of order, comments, other columns."""
-    found = read_elongation_csv(write(tmp_path, text))
+    found = read_elongation_rows(write(tmp_path, text))
     assert [(r.pressure_kpa, r.elongation_mm) for r in found] == [(50.0, 3.8), (-40.0, -2.7)]
 
 
@@ -142,12 +142,12 @@ def test_record_and_analyze_read_the_same_files_alike(tmp_path: Path, encoding: 
     path.write_bytes(
         "# Längen\npressure_kpa;elongation_mm;cycle;branch\n50;3,8;1;unloading\n-40;-2,7;1;loading\n".encode(encoding)
     )
-    rows = [(r.pressure_kpa, r.elongation_mm, r.cycle, r.branch) for r in read_elongation_csv(path)]
+    rows = [(r.pressure_kpa, r.elongation_mm, r.cycle, r.branch) for r in read_elongation_rows(path)]
     assert rows == [(50.0, 3.8, 1, "unloading"), (-40.0, -2.7, 1, "loading")]
     found = read_elongation_file(path)[["pressure_kpa", "elongation_mm", "cycle", "branch"]]
     assert [tuple(row) for row in found.itertuples(index=False)] == rows
     path.write_bytes("pressure_kpa,elongation_mm\n50,3.8\n40,\n".encode(encoding))
-    for read, refused in ((read_elongation_csv, RequestError), (read_elongation_file, FileError)):
+    for read, refused in ((read_elongation_rows, RequestError), (read_elongation_file, FileError)):
         with pytest.raises(refused, match="line 3"):
             read(path)
 
@@ -168,7 +168,7 @@ def test_record_and_analyze_read_the_same_files_alike(tmp_path: Path, encoding: 
 def test_a_bad_file_is_refused_with_its_line(tmp_path: Path, text: str, part: str) -> None:
     """Empty, wrong header, no number, not finite, no such branch."""
     with pytest.raises(RequestError) as refusal:
-        read_elongation_csv(write(tmp_path, text))
+        read_elongation_rows(write(tmp_path, text))
     assert part in refusal.value.cause
 
 

@@ -467,7 +467,7 @@ def _parsed(data: str | None) -> Any:
     if data is None:
         raise SecopError("ProtocolError", "a value is missing")
     try:
-        return json.loads(data, parse_constant=_no_constant)
+        return json.loads(data, parse_constant=_no_constant, parse_int=float)  # of any length
     except (ValueError, RecursionError) as error:
         raise SecopError("BadJSON", "the value is not JSON") from error
 
@@ -478,8 +478,8 @@ def _checked(value: Any, info: Mapping[str, Any]) -> Any:
         if not isinstance(value, str) or len(value) > 200 or not value.isprintable():
             raise SecopError("WrongType", "a short text is expected")
         return value
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) < 1e300:
+    if not isinstance(value, float) or not abs(value) < 1e300:
         raise SecopError("WrongType", "a number is expected")
     if not info.get("min", -math.inf) <= value <= info.get("max", math.inf):
         raise SecopError("RangeError", f"{value:g} is outside {info.get('min'):g} to {info.get('max'):g}")
-    return float(value)
+    return value

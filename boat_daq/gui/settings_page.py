@@ -148,10 +148,10 @@ class SettingsPage(ReflowingPage):
         self.side, _ = controls.card((self.list, 1), controls.row((self.name, 1), self.add), files)
         self.reset = controls.button("All defaults", self._reset, tip="Calibrations, metadata and contributions stay")
         foot = controls.row(self.metadata, None, self.reset)
-        values, _ = controls.card(
+        self.values, _ = controls.card(
             self.title, self.explanation, self.broken, self.leaves, self.calibrations, None, foot, self.path
         )
-        body = controls.row((self.side, 1), (values, 3), spacing=style.GAP)
+        body = controls.row((self.side, 1), (self.values, 3), None, spacing=style.GAP)
         controls.page_layout(self).addLayout(body, 1)
         self.rows = (body,)
         self.reflow()
@@ -161,6 +161,7 @@ class SettingsPage(ReflowingPage):
         super().reflow()
         self.list.setMaximumHeight(4 * style.CONTROL_HEIGHT if self.narrow else _NO_LIMIT)
         self.side.setMaximumWidth(_NO_LIMIT if self.narrow else style.QUESTION_LEAST)
+        self.values.setMaximumWidth(_NO_LIMIT if self.narrow else style.FORM_WIDTH + style.PANE_WIDTH_WIDE)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Follow the stored files where something has changed."""

@@ -11,6 +11,7 @@ from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF, QResiz
 from PySide6.QtWidgets import (
     QBoxLayout,
     QCheckBox,
+    QComboBox,
     QFrame,
     QGridLayout,
     QLabel,
@@ -245,6 +246,7 @@ class PlanForm(QScrollArea):
     def _plan_card(self) -> QFrame:
         sequence = self.sequence
         self.choice = controls.choice("Plan", [(name, name) for name in sequence.plans], sequence.choose)
+        self.choice.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)  # any name
         self.fields = {entry.key: self._field(entry.key, entry.label, entry.help) for entry in PLAN_ENTRIES}
         self.refused = controls.label("", wrap=True, name="Why the entry is invalid")
         self.estimate = controls.label("", "muted", wrap=True)

@@ -170,7 +170,7 @@ class DefaultsTable(WrappedTable):
 
     @staticmethod
     def _row(d: Default) -> tuple[str, ...]:
-        first = (str(_NUMBERS[d.name]), METHOD_NAMES[d.name], d.setting)
+        first = (str(_NUMBERS[d.name]), METHOD_NAMES[d.name], d.setting.replace(" x ", " \u00d7 "))
         if not d.measured:
             return (*first, "", "failed" if d.unit else "", "")
         share = f"{number(100 * d.share, 0)} %" if d.share >= 0.01 else "< 1 %"

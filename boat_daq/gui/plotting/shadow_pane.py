@@ -215,9 +215,8 @@ class ShadowPane(QWidget):
             value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignTop)
         self.colour = controls.label("Colour", "muted")
         head = controls.row(self.colour, self.quantity, None, self._menu_button())
-        rows = controls.inside(grid)
-        rows.setMaximumWidth(2 * style.QUESTION_LEAST)  # a value is near its name
-        frame, _ = controls.card(head, (self.view, 1), rows)
+        self.rows = controls.inside(grid)
+        frame, _ = controls.card(head, (self.view, 1), self.rows)
         self.setLayout(controls.column(frame, margins=(0, style.GAP, 0, 0)))
         self._choose(model.quantity)
 
@@ -225,6 +224,11 @@ class ShadowPane(QWidget):
         """Leave out the name of the choice in a narrow pane: what is chosen is then shown whole."""
         super().resizeEvent(event)
         self.colour.setVisible(self.width() > style.PANE_WIDTH_NARROW + 4 * style.STEP)
+        self._fit()
+
+    def _fit(self) -> None:
+        """Keep the height of the wrapped values, which the layouts around do not: they were drawn over the scale."""
+        self.rows.setMinimumHeight(self.rows.heightForWidth(self.rows.width()))
 
     def _choose(self, quantity: str) -> None:
         self.model.quantity = quantity
@@ -287,3 +291,4 @@ class ShadowPane(QWidget):
             controls.set_text(name, name_text)
             controls.set_text(value, value_text)
             controls.set_state(value, state)
+        self._fit()

@@ -62,9 +62,9 @@ class Header(QWidget):
         self.outlets = controls.button("", show_outlets, "outlets", name="Streams and remote control")
         self.outlets.hide()
         self._open_outlets = outlets.view()
-        self._unit_text = ""
+        self._unit_text, self._links = "", ("", "")  # the second without the board's name
         self._lengths: tuple[object, ...] = ()
-        self._short = 0  # 1: the recording's size and the outlets' names are left out; 2: the outlets are a sign
+        self._short = 0  # 1: without the recording's size and the outlets' names; 2: nor the board's, outlets a sign
         self.vent = vent_button(vents.this)
         self.vent_all = vent_all_button(vents.all)
         self.vent_all.hide()
@@ -97,7 +97,7 @@ class Header(QWidget):
         """Leave out what does not fit; the tooltips of link and unit still show it.
 
         The order: the program's name (it is in the title), size and disk of the recording, the outlets, the date of the
-        calibration, link figures without a warning from the last on, the calibration.
+        calibration, link figures without a warning from the last on, the calibration, the board's name, all figures.
         """
         wide = self.width() >= style.NARROW_BELOW
         controls.set_text(self.vent_all, "ALL   Shift+F4" if wide else "ALL")
@@ -130,17 +130,21 @@ class Header(QWidget):
         while left and too_wide():
             shown.remove(left.pop(0))
         names = names[-1:] if too_wide() else names
-        if needed + widths[names[0]] > self.width():
+        if too_wide():
             self._short = 2
             self._fold()
+            needed = fixed_width()
+        if too_wide():
+            shown.clear()
         self.brand.setVisible(wide)
         for label in self.figures:
             label.setVisible(label in shown)
         controls.set_text(self.unit, names[0])
 
     def _fold(self) -> None:
-        """Show recording and outlets as short as they must be."""
+        """Show link, recording and outlets as short as they must be."""
         self.recording.fold(short=self._short > 0)
+        controls.set_text(self.link, self._links[self._short == 2])
         outlets = self._open_outlets
         controls.set_text(self.outlets, (outlets.badge, outlets.short, "\u21c4")[self._short])
         controls.set_state(self.outlets, "sign" if self._short == 2 else "", "fold")
@@ -161,7 +165,8 @@ class Header(QWidget):
         text = link_text(snapshot)
         words = text.word if not text.who else f"{text.who}  {text.word}"
         starting = "\u25d4  starting the virtual board \u2026"
-        controls.set_text(self.link, starting if self.connection.starting else f"{text.shape}  {words}")
+        whole = starting if self.connection.starting else f"{text.shape}  {words}"
+        self._links = whole, whole if self.connection.starting else f"{text.shape}  {text.word.partition(',')[0]}"
         controls.set_state(self.link, text.state)
         self.simulated.setVisible(snapshot.simulated)
         for i, label in enumerate(self.figures):

@@ -174,7 +174,7 @@ class SequencePanel(QFrame):
         shown = next((text for text in texts if metrics.horizontalAdvance(text) <= width), texts[-1])
         shown = shown.replace(" min", "\u00a0min")
         wrapped = metrics.boundingRect(0, 0, width, 0, Qt.TextFlag.TextWordWrap, shown)
-        beside = wrapped.width() <= width and wrapped.height() <= 2 * metrics.lineSpacing()
+        beside = wrapped.width() <= width and wrapped.height() <= style.CONTROL_HEIGHT
         controls.set_text(self.progress, shown if beside else "")
         self._show_below("\n".join(filter(None, ("" if beside else shown, self.run.uncertainty_text(snapshot)))))
 
@@ -261,7 +261,7 @@ class PlanForm(QScrollArea):
         self.more = controls.inside(controls.column(*self._more(more), spacing=style.GAP))
         self.more.hide()
         plan, _ = controls.card(
-            controls.row(controls.label("Plan", "subtitle"), None, self.choice),
+            controls.row(controls.label("Plan", "subtitle"), (self.choice, 1)),
             _form((entry.label, self.fields[entry.key], entry.unit) for entry in shown),
             self.ask_readings,
             self.refused,

@@ -228,7 +228,7 @@ class ShadowPane(QWidget):
 
     def _fit(self) -> None:
         """Keep the height of the wrapped values, which the layouts around do not: they were drawn over the scale."""
-        self.rows.setMinimumHeight(self.rows.heightForWidth(self.rows.width()))
+        self.rows.setMinimumHeight(max(0, self.rows.heightForWidth(self.rows.width())))
 
     def _choose(self, quantity: str) -> None:
         self.model.quantity = quantity

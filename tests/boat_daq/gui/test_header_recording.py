@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QDesktopServices
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication
 
-from boat_daq.engine.snapshot import HealthSnapshot, SessionState
+from boat_daq.engine.snapshot import HealthSnapshot, LinkState, SessionState
 from boat_daq.gui.header import Header
 from protocol.link.events import LinkStatistics
 from tests.boat_daq.gui.windows import NARROW
@@ -77,3 +79,21 @@ def test_header_with_a_recording_is_never_cut(live, tmp_path):
             QApplication.processEvents()
             assert "REC 1:06" in head.recording.badge.text()
             assert [w.geometry() for w in shown] == before
+
+
+def test_header_of_a_full_disk_is_never_cut(live, tmp_path, monkeypatch):
+    """At 853 pixels the board's name was cut on both sides, and VENT was beyond the margin."""
+    monkeypatch.setattr("boat_daq.viewmodels.live.recording_status.LITTLE_SPACE", float("inf"))
+    live.resize(NARROW, 600)
+    hello = dataclasses.replace(HELLO, board_id="SIMULATED-SA1")
+    for link in (LinkState.UP, LinkState.LOST):
+        live.model.session.change(
+            hello=hello, recording=tmp_path / "a.boat", recorded_s=65.0, link=link, simulated=True
+        )
+        live.refresh()
+        QApplication.processEvents()
+        head = live.header
+        shown = (head.simulated, head.link, head.recording.badge, head.recording.button, head.unit, head.vent)
+        for widget in (w for w in (*shown, *head.figures) if not w.isHidden()):
+            assert widget.width() >= widget.sizeHint().width(), widget.text()
+            assert head.rect().contains(widget.geometry()), widget.text()

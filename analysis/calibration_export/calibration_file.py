@@ -55,7 +55,7 @@ class CalibrationFile:
     ) -> CalibrationFile:
         """Return the file; `u_elongation` is (x, U) in mm, [points, 2] each. DataError: no sensor is calibrated."""
         if all(sensor.void for sensor in record.sensors):
-            cause = f"this run is no calibration: {record.sensors[0].void}"
+            cause = f"this run is not a calibration: {record.sensors[0].void}"
             raise DataError(cause, "Give its readings of elongation, or choose a calibration run.")
         stated = contributions(record.sensors[0].type_b)
         head = {
@@ -211,7 +211,7 @@ def _parsed(content: Mapping[str, Any]) -> CalibrationFile:
     )
     correlation = _array(content, "correlation", (len(sensors), len(sensors)))
     if np.abs(correlation).max() > 1.0 + 1e-9 or not np.allclose(correlation, correlation.T):
-        raise _DamageError("correlation is no matrix of correlations")
+        raise _DamageError("correlation is not a correlation matrix")
     return CalibrationFile(head, kept, Fusion(inverses, correlation), "", signal_unit)
 
 
@@ -246,7 +246,7 @@ def _typed(content: Mapping[str, Any], key: str, kind: type) -> Any:
 def _number(content: Mapping[str, Any], key: str, least: float) -> float:
     value = content.get(key)
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value) or value < least:
-        raise _DamageError(f"{key} is no number of at least {least:g}")
+        raise _DamageError(f"{key} is not a number of at least {least:g}")
     return float(value)
 
 
@@ -254,7 +254,7 @@ def _array(content: Mapping[str, Any], key: str, shape: tuple[int, ...] | None) 
     try:
         array = np.asarray(content.get(key), dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise _DamageError(f"{key} is no array of numbers") from None
+        raise _DamageError(f"{key} is not an array of numbers") from None
     if not array.size or (shape is not None and array.shape != shape) or not np.isfinite(array).all():
         raise _DamageError(f"{key} is missing, of another shape or not finite")
     return array

@@ -262,7 +262,7 @@ def certificate_of(analyses: Sequence[Analysis], request: Request) -> Certificat
     try:
         datetime.date.fromisoformat(issued)
     except ValueError:
-        raise RequestError(f"{issued!r:.40} is no date", "Give it as 2026-01-31.") from None
+        raise RequestError(f"{issued!r:.40} is not a date", "Give it as 2026-01-31.") from None
     names, before = [*request.items, *[""] * len(analyses)], [*request.previous, *[None] * len(analyses)]
     items = tuple(_item(analysis, names[k], before[k], request.limits, issued) for k, analysis in enumerate(analyses))
     laboratory = request.laboratory or Laboratory(f"{NOT_STATED} (simulated run)")

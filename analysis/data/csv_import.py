@@ -48,7 +48,7 @@ def load_profile(path: str | Path) -> dict[str, str]:
         content = json.loads(read_regular(Path(path), MAX_PROFILE_BYTES).decode("utf-8"))
         columns = content["map"] if "map" in content else content["columns"]
         if content.get("boat_daq_import", 1) != 1 or not all(isinstance(v, str) for v in columns.values()):
-            raise ValueError("unknown version or a column that is no text")
+            raise ValueError("unknown version or a column that is not text")
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         cause = f"{path} is not an import profile ({error})"
         raise FileError(cause, "Keep the output of import --preview --json.") from error
@@ -326,7 +326,7 @@ def _on_one_clock(
     keep = np.isfinite(time_s)
     keep[known[1:][np.diff(time_s[known]) == 0]] = False
     if reason := clocks.refusal(time_s[keep]):
-        cause = f"{path.name}: column {table.names[column.position]!r} is no clock of a run: {reason}"
+        cause = f"{path.name}: column {table.names[column.position]!r} is not the clock of a run: {reason}"
         raise DataError(cause, f"State its unit: --map time_s={column.position + 1}:UNIT, or map another column.")
     repeated = int((~keep).sum())
     if repeated:

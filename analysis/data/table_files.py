@@ -69,7 +69,7 @@ def sheet_text(path: Path) -> tuple[str, str]:
         book = calamine.CalamineWorkbook.from_path(str(path))
         sheets = {name: book.get_sheet_by_name(name).to_python(skip_empty_area=False) for name in book.sheet_names}
     except (calamine.CalamineError, OSError, ValueError) as error:
-        raise FileError(f"{path.name} is no readable workbook: {error}", "Save it again as .xlsx.") from error
+        raise FileError(f"{path.name} is not a readable workbook: {error}", "Save it again as .xlsx.") from error
     numbers = {name: sum(_is_number(cell) for row in rows for cell in row) for name, rows in sheets.items()}
     name = max(numbers, key=lambda sheet: numbers[sheet], default="")
     if not numbers.get(name):

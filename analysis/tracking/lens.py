@@ -65,9 +65,9 @@ def lens_of(content: Mapping[str, Any], name: str) -> Lens:
         distortion = np.array(content["distortion"], dtype=float).reshape(5)
         numbers = [float(content[key]) for key in ("width_px", "height_px", "reprojection_px", "views")]
     except (ValueError, KeyError, TypeError) as error:
-        raise FileError(f"{name} is no lens: {error}", remedy) from error
+        raise FileError(f"{name} is not a lens file: {error}", remedy) from error
     if not (np.isfinite([*matrix.ravel(), *distortion, *numbers]).all() and matrix[0, 0] > 0 and matrix[1, 1] > 0):
-        raise FileError(f"{name} is no lens: its numbers are impossible", remedy)
+        raise FileError(f"{name} is not a lens file: its numbers are impossible", remedy)
     rows = tuple((float(a), float(b), float(c)) for a, b, c in matrix)
     size = (round(numbers[0]), round(numbers[1]))
     return Lens(rows, tuple(distortion.tolist()), size, numbers[2], round(numbers[3]))
@@ -81,7 +81,7 @@ def read_lens(path: Path) -> Lens:
     except OSError as error:
         raise FileError(f"{path} cannot be read: {error.strerror or error}", "Check the name.") from error
     except (ValueError, RecursionError) as error:
-        raise FileError(f"{path.name} is no lens: {error}", "Give the file of a calibrated lens.") from error
+        raise FileError(f"{path.name} is not a lens file: {error}", "Give the file of a calibrated lens.") from error
     return lens_of(content if isinstance(content, dict) else {}, path.name)
 
 

@@ -31,7 +31,7 @@ def write_sheet(path: Path, mark_mm: float) -> None:
     Raises RequestError: another kind of file, or a side that does not fit.
     """
     if path.suffix.lower() != ".pdf":
-        raise RequestError(f"{path.name} is no name of a PDF", "End it in .pdf.")
+        raise RequestError(f"{path.name} does not end in .pdf", "End it in .pdf.")
     if not SIDES_MM[0] <= mark_mm <= SIDES_MM[1]:
         cause = f"a mark of {mark_mm:g} mm is not possible"
         raise RequestError(cause, f"Use {SIDES_MM[0]:g} to {SIDES_MM[1]:g} mm; 10 px of the picture for each module.")

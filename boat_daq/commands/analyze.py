@@ -55,7 +55,7 @@ def analyze(
     degree: DegreeOption = "3",
     x_resolution: XResolutionOption = None,
     settled_within: SettledWithinOption = 1.0,
-    settling: Annotated[float, typer.Option(min=0.0, metavar="S", help="Time of a hold before it is settled.")] = 0.5,
+    settling: Annotated[float, typer.Option(min=0.0, metavar="S", help="Start of each hold that is left out.")] = 0.5,
     limit: LimitOption = None,
     type_b: TypeBOption = None,
     leave_out: LeaveOutOption = False,

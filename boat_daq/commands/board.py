@@ -79,14 +79,14 @@ def board(
     if pty == (tcp is not None):
         raise typer.BadParameter("use either --pty or --tcp HOST:PORT")
     if tcp is not None and link is not None:
-        raise typer.BadParameter("--link goes with --pty")
+        raise typer.BadParameter("--link needs --pty")
     if video is not None and mjpeg is not None:
         raise typer.BadParameter("use either --video or --mjpeg")
     from boat_daq.engine.simulator.server import BoardServer, BoardSettings
 
     filmed = [text for text in fault or () if text.startswith(_OF_CAMERA)]
     if (camera or filmed) and video is None and mjpeg is None:
-        raise typer.BadParameter("--camera and faults of a camera go with --video or --mjpeg")
+        raise typer.BadParameter("--camera and camera faults need --video or --mjpeg")
 
     settings = BoardSettings(
         port=tcp or "pty",
@@ -179,7 +179,7 @@ def ports(
 
 
 def profile(
-    file: Annotated[Path | None, typer.Argument(metavar="[FILE]", help="What the board printed.")] = None,
+    file: Annotated[Path | None, typer.Argument(metavar="[FILE]", help="Text that the board printed.")] = None,
     port: Annotated[str | None, typer.Option(help="Listen on this port instead; nothing is sent.")] = None,
     seconds: Annotated[
         float | None,

@@ -63,7 +63,7 @@ def calibration(
     Example: boat-daq calibration SA1.boat --format c --out boat_calibration.h
     """
     if table_error is not None and format in ("json", "matlab"):
-        raise typer.BadParameter("is of csv and c only", param_hint="--table-error")
+        raise typer.BadParameter("applies to csv and c only", param_hint="--table-error")
     if to is None and as_json and format != "json":
         raise typer.BadParameter("needs --out, or --format json", param_hint="--json")
     from analysis import Options, analyse, load_recording
@@ -102,7 +102,7 @@ def convert(
         Path | None, typer.Argument(metavar="[FILE.csv|RUN]", help="Signals: a recording, or a CSV of signals.")
     ] = None,
     calibration_file: Annotated[
-        Path, typer.Option("--calibration", metavar="FILE.json", help="What `calibration --format json` wrote.")
+        Path, typer.Option("--calibration", metavar="FILE.json", help="File written by `calibration --format json`.")
     ] = ...,  # type: ignore[assignment]  # typer's mark of an option without a default
     port: Annotated[str | None, typer.Option(help="Convert live from this port, as `record` names it.")] = None,
     profile: Annotated[str | None, typer.Option(help="Text profile of a board that is not a BOAT board.")] = None,

@@ -155,7 +155,7 @@ def _tested(found: GeneralFit) -> list[str]:
         verdict = str(test.verdict).replace("_", " ")
         lines.append(
             f"stated uncertainty: {verdict}, chi-square {test.chi_squared:.4g} with {test.dof} degrees of freedom "
-            f"({test.low:.4g} to {test.high:.4g} expected); the points scatter {test.ratio:.2g} times the statement"
+            f"({test.low:.4g} to {test.high:.4g} expected); the scatter is {test.ratio:.2g} times the stated one"
         )
     left = (f"row {p.row + 1}: x = {p.x:.6g}, y = {p.y:.6g}, {p.residual:+.3g} off: left out" for p in found.left_out)
     return [*lines, *left]

@@ -198,7 +198,7 @@ def trace(
         "order": used.order, "index": guide.index,
     }  # fmt: skip
     if outcome.granted > used.rays:
-        notify("most rays are reflected parts with next to no power: their number is no measure, use the power")
+        notify("most rays are reflected parts with next to no power: do not compare their number, compare the power")
     if 1 < used.rays < FEWEST_RAYS:
         notify(f"the errors of {used.rays} rays are uncertain themselves: release {FEWEST_RAYS} or more")
     present(result, *_trace_lines(traced, number), as_json=as_json)
@@ -242,7 +242,7 @@ def _with_sd(value: float, sd: float, decimals: int) -> str:
     from analysis.numbers import decimals_for
 
     decimals = max(decimals, decimals_for(sd)) if sd > 0 else decimals
-    return f"{value:.{decimals}f} +- {sd:.{decimals}f}"
+    return f"{value:.{decimals}f} ± {sd:.{decimals}f}"
 
 
 @app.command("scene")

@@ -28,7 +28,7 @@ RunArgument = Annotated[Path, typer.Argument(metavar="RUN", help="A .boat file, 
 PortOption = Annotated[str, typer.Option("--port", help="Serial port, pty or socket://HOST:PORT.")]
 ProfileOption = Annotated[Path | None, typer.Option("--profile", help="Text profile (TOML) of other firmware.")]
 ReadingsOption = Annotated[
-    Path | None, typer.Option("--elongation", help="CSV of elongation readings, one row a plateau.")
+    Path | None, typer.Option("--elongation", help="CSV of elongation readings, one row per plateau.")
 ]
 RecordingArgument = Annotated[Path, typer.Argument(metavar="RUN", help="A recording (.boat).")]
 MapOption = Annotated[

@@ -112,10 +112,10 @@ def _check_kind(plan: Plan | None, uncertainty: float | None) -> None:
     """Refuse U as the end of a plan that has none."""
     if uncertainty is None or (plan is not None and plan.kind == "staircase"):
         return
-    what = "without one there is nothing to end" if plan is None else f"this one is {plan.kind}"
+    what = "no plan is given" if plan is None else f"this one is {plan.kind}"
     if plan is not None and plan.kind == "continuous":
         what += ": it has no plateaus to read; set end_percent_fso in its file"
-    raise typer.BadParameter(f"is of staircase plans, {what}", param_hint="--uncertainty")
+    raise typer.BadParameter(f"applies to staircase plans; {what}", param_hint="--uncertainty")
 
 
 def _entry(file: Path, request: SessionRequest, *, growing: bool) -> Callable[[Session], None]:

@@ -41,7 +41,7 @@ def recover(
     lines = [*(f"  {line}" for line in recovery.damaged), *(f"  missing: {line}" for line in recovery.missing.lines())]
     if recovery.log in ("unproven", "absent") and recovery.missing_pages is None:
         both = f"{file.name}-wal and {file.name}-shm"
-        lines.append(f"  {both} are not both there: copy them with the unclosed {file.name}, and recover that")
+        lines.append(f"  {both} are not both present: copy them with the unclosed {file.name}, and recover that")
     lines += [f"  kept unchanged: {path}" for path in recovery.kept]
     present(recovery, text, *lines, as_json=as_json)
 

@@ -75,7 +75,7 @@ def solve(
     if pressure is None and elongation is None:
         raise typer.BadParameter("give --pressure, --elongation, or both", param_hint="--pressure")
     if mesh is not None and (model == "reduced" or plot is not None):
-        raise typer.BadParameter("goes with --model full and without --plot", param_hint="--mesh")
+        raise typer.BadParameter("needs --model full, without --plot", param_hint="--mesh")
     note_unused(fidelity)
     load("analysis.shadow.model.full")
     from analysis.json_object import json_object

@@ -31,7 +31,7 @@ def accept(
     elongation: ReadingsOption = None,
     anyway: Annotated[bool, typer.Option("--anyway", help="Accept figures out of tolerance.")] = False,
     confirm: Annotated[
-        str, typer.Option(metavar="REASON", help="Keep the readings to be checked, for a reason that is printed.")
+        str, typer.Option(metavar="REASON", help="Keep the readings to be checked, with this reason; it is printed.")
     ] = "",
     as_json: JsonOption = False,
 ) -> None:
@@ -269,7 +269,7 @@ def predict(
         "does not beat a parabola in elongation on cycles left out: it says nothing about this unit")
     )  # fmt: skip
     words = ", ".join(f"{word} {share:.0f} %" for word, share in found.words.items())
-    show(f"what disagrees with the calibration, by time: {words} (the model's light takes no part)")
+    show(f"what disagrees with the calibration, by time: {words} (the model's light is not used)")
 
 
 def _fit_rows(curve: str, one: SensorPrediction) -> list[tuple[str, ...]]:

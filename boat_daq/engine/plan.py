@@ -350,7 +350,7 @@ def _check_segment(segment: Segment, where: str) -> None:
         raise BadValue(where, "periods", "must be whole or half periods, so that the sine ends at its mean")
     for key in ("amplitude", "frequency_hz", "periods"):
         if not sine and getattr(segment, key):
-            raise BadValue(where, key, "is of a sine only")
+            raise BadValue(where, key, "applies to a sine only")
 
 
 def _check_staircase(plan: Plan, where: str) -> None:
@@ -409,7 +409,7 @@ def plans_in(folder: Path) -> Mapping[str, Plan]:
     """Return the built-in plans and those in the TOML files of a folder, by name."""
     found = dict(built_in_plans())
     if not folder.is_dir():
-        raise RequestError(f"{folder} is no folder", "choose the folder with the files of your plans")
+        raise RequestError(f"{folder} is not a folder", "choose the folder with the files of your plans")
     for path in sorted(folder.glob("*.toml")):
         plan = plan_from_toml(read_text(path), str(path))
         if plan.name in found:

@@ -48,13 +48,13 @@ class Settings:
 
     version: int = _VERSION
     rate_hz: int = stated(
-        100, "Sampling rate", "Samples per second that are requested of a board", "Hz", lowest=1, highest=65_535
+        100, "Sampling rate", "Samples per second, requested from the board", "Hz", lowest=1, highest=65_535
     )
-    baud: int = stated(115_200, "Baud rate", "Of a serial port; 8N1", "Bd", lowest=300, highest=12_000_000)
+    baud: int = stated(115_200, "Baud rate", "Serial ports only; 8N1", "Bd", lowest=300, highest=12_000_000)
     zero_tolerance_kpa: float = stated(
         1.0,
         "Zero tolerance",
-        "What the pressure sensor may read on a vented unit before the first pressure",
+        "Largest pressure reading of a vented unit at which a run may start",
         "kPa",
         lowest=0.0,
         highest=10.0,
@@ -63,16 +63,14 @@ class Settings:
     resolution_mm: float = stated(
         0.5,
         "Resolution of readings",
-        "Division of the grid that elongations are read from",
+        "Smallest division of the grid that is read",
         "mm",
         lowest=0.0,
         highest=10.0,
         above=True,
         applies=Applies.NOW,
     )
-    allow_remote: bool = stated(
-        False, "Remote boards", "Whether a board may be reached beyond this computer; the link is not encrypted"
-    )
+    allow_remote: bool = stated(False, "Remote boards", "Allow boards on other computers; the link is not encrypted")
     recordings: str = stated(
         "",
         "Recordings folder",
@@ -82,7 +80,7 @@ class Settings:
     file_name: str = stated(
         "",
         "File names",
-        "Of recordings: {unit} {operator} {plan} {date} {time} {number}; empty: unit and time",
+        "Names of recordings: {unit} {operator} {plan} {date} {time} {number}; empty: unit and time",
         applies=Applies.RECORDING,
     )
     operator: str = stated(

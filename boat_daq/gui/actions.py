@@ -245,7 +245,7 @@ def recordings(window: MainWindow) -> list[Command]:
         command("Correct its readings …", "readings"),
         command("Write a note on it …", "note", also="comment"),
         command("Add a marker to it …", "marker", also="event moment"),
-        command("State its metadata …", "metadata", also="customer item serial number ambient"),
+        command("Enter its metadata …", "metadata", also="customer item serial number ambient"),
         command("Resume this run", "resume"),
         command("Export it as CSV …", "export"),
         command("Export it as Parquet …", "export", 1),

@@ -135,7 +135,7 @@ class SettingsPage(ReflowingPage):
         controls.set_state(self.broken, "fault")
         self.calibrations = controls.label("", "muted", wrap=True)
         self.explanation = controls.label("", "muted", wrap=True)
-        self.metadata = controls.button("Metadata \u2026", self._metadata, tip="What its next recordings state")
+        self.metadata = controls.button("Metadata \u2026", self._metadata, tip="Written into its next recordings")
         self.path = controls.label("", "small", wrap=True)
         self._lay_out()
 

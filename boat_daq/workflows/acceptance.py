@@ -194,7 +194,7 @@ def obstacle_to(run: RunCalibration | None) -> Obstacle | None:
 def confirm_readings(run: RunCalibration, reason: str, *, reader: str = "") -> tuple[Reading, ...]:
     """Keep the readings to be checked as they are, with the reason; return them as they were before."""
     if not reason.strip():
-        raise RequestError("a reading is confirmed with a reason", "Say how it was checked, such as 'read again'.")
+        raise RequestError("a reading is confirmed with a reason", "Enter how it was checked, such as 'read again'.")
     readings = run.verdict.readings if run.verdict is not None else ()
     if any(one.step is None for one in readings):
         remedy = "Write the reason beside the reading, in a column 'confirmed' of that file."

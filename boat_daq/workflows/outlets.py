@@ -46,7 +46,7 @@ class NodeChoice:
         if self.address.endswith("]") or not colon:
             host, port = self.address, ADDRESS.rpartition(":")[2]
         if not port.isdecimal() or int(port) > 65535:
-            raise RequestError(f"{port!r} is no port", f"use an address such as {ADDRESS}")
+            raise RequestError(f"{port!r} is not a port number", f"use an address such as {ADDRESS}")
         return host.strip("[] ") or "localhost", int(port)
 
 

@@ -100,7 +100,7 @@ def add_marker(path: Path, time_s: float, text: str) -> None:
 
     recording = read_boat_file(path)
     if not text.strip():
-        raise RequestError("the marker has no text", "Say what happened.")
+        raise RequestError("the marker has no text", "Give its text.")
     if not 0.0 <= time_s <= recording.duration_s:
         cause = f"{time_s:g} s is outside the recording of {recording.duration_s:.2f} s"
         raise RequestError(cause, "Give the time from its first sample, s.")
@@ -168,11 +168,11 @@ def import_capture(path: Path, profile: str | Path) -> Recording:
     events = link.receive(b"\n" + _MONITOR_STAMP.sub(b"", content), 0)  # nothing is torn before the first line
     blocks = [event.array for event in events if isinstance(event, Samples)]
     if not blocks:
-        raise FileError(f"no line of {path.name} is as the text profile says", "Propose the profile of this file.")
+        raise FileError(f"no line of {path.name} matches the text profile", "Propose the profile of this file.")
     samples = np.concatenate(blocks)
     notes = []
     if link.statistics.malformed:
-        notes.append(f"{link.statistics.malformed} lines are not as the text profile says: left out")
+        notes.append(f"{link.statistics.malformed} lines do not match the text profile: left out")
     if not content.endswith((b"\n", b"\r")):
         last = len(content.splitlines())
         notes.append(f"line {last}, the last one, has no line end: left out, may be cut off")

@@ -33,7 +33,7 @@ def optional(module: str) -> Any:
         return importlib.import_module(module)
     except ModuleNotFoundError as error:
         if getattr(sys, "frozen", False):  # a bundle has no pip
-            remedy = "The program without Python cannot load it: install boat-daq by pipx, which can."
+            remedy = "The standalone program cannot load it: install boat-daq with pipx."
             raise RequestError(f"{library} is not installed", remedy) from error
         command = install_command(*(f'"{requirement}"' for requirement in requirements))
         raise RequestError(f"{library} is not installed", "Install it", command=command) from error

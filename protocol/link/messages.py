@@ -286,7 +286,7 @@ def _decode_hello(payload: bytes) -> Hello:
     fields.append(_channel_table(payload[_HELLO.size :]))
     hello = Hello(*fields)
     if not (1 <= hello.n_sensors <= SENSORS_MAX and 1 <= hello.adc_bits <= 16 and hello.vref_mv and hello.rate_max_hz):
-        raise RemoteError(f"HELLO of an impossible board: {hello}")
+        raise RemoteError(f"HELLO with impossible values: {hello}")
     if hello.pressure_min_pa >= hello.pressure_max_pa:
         raise RemoteError(f"HELLO with its pressure limits swapped: {hello}")
     return hello

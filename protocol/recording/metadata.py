@@ -49,14 +49,14 @@ class Metadata:
         fields = values.get("fields") or {}
         for key, text in texts.items():
             if not isinstance(text, str) or len(text) > most:
-                raise ValueError(f"{key} is no text of at most {most:g} letters")
+                raise ValueError(f"{key} is not a text of at most {most:g} letters")
         for key, number in numbers.items():
             low, high = RANGES[key]
             usual = isinstance(number, int | float) and not isinstance(number, bool) and low <= number <= high
             if number is not None and not usual:
-                raise ValueError(f"{key} is no number from {low:g} to {high:g}")
+                raise ValueError(f"{key} is not a number from {low:g} to {high:g}")
         if not isinstance(fields, dict) or not all(isinstance(text, str) for text in (*fields, *fields.values())):
-            raise ValueError("fields is no table of texts")
+            raise ValueError("fields is not a table of texts")
         if sum(map(len, (*fields, *fields.values()))) > most:
             raise ValueError(f"fields is longer than {most:g} letters")
         return cls(**texts, **numbers, fields=dict(fields))
@@ -72,7 +72,7 @@ class Metadata:
                 known[key] = text.strip()
             elif meant := difflib.get_close_matches(key.strip().lower(), [*RANGES, *_TEXTS], 1, 0.8):
                 remedy = f"write {meant[0]}={text.strip():.40}, or give your own field a less similar name"
-                raise ChoiceError(f"{key.strip():.40} is no known key: did you mean {meant[0]}?", remedy)
+                raise ChoiceError(f"{key.strip():.40} is not a known key: did you mean {meant[0]}?", remedy)
             elif key.strip():
                 fields[key.strip()] = text.strip()
         stated = {key: text for key, text in fields.items() if text}
@@ -112,7 +112,7 @@ def _number(key: str, text: str) -> float | None:
     except ValueError:
         number = math.nan
     if not math.isfinite(number):
-        raise ChoiceError(f"{key} is {text!r:.40}, no number", "Give a number without its unit.")
+        raise ChoiceError(f"{key} is {text!r:.40}, not a number", "Give a number without its unit.")
     return number
 
 

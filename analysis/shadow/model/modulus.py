@@ -114,7 +114,7 @@ def specimen_modulus(test: CompressionTest) -> SpecimenModulus:
     slope, r2 = float(fit.slope), float(fit.rvalue) ** 2
     if slope <= 0.0 or r2 < STRAIGHT_R2:
         raise DataError(
-            f"{test.name} is not a compression test: force against displacement is no rising line between "
+            f"{test.name} is not a compression test: force against displacement is not a rising line between "
             f"{100 * WINDOW[0]:g} and {100 * WINDOW[1]:g} % strain (slope {slope:.3g} kPa, R2 {r2:.2f})",
             "check the columns; the lattice must not buckle in it",
         )

@@ -65,7 +65,7 @@ class GuideStates:
 def guide_states(model: FullModel | None = None, *, lowest_kpa: float = _LOWEST_KPA) -> GuideStates:
     """Solve the fifteen states, up to +50 kPa."""
     if not lowest_kpa < 0.0:
-        raise RequestError(f"{lowest_kpa:g} kPa is no compression", "give a lowest pressure below zero")
+        raise RequestError(f"{lowest_kpa:g} kPa is not a compression", "give a lowest pressure below zero")
     full = model or FullModel()
     pressures = np.concatenate([np.linspace(lowest_kpa, 0.0, _STEPS + 1), np.linspace(0.0, 50.0, _STEPS + 1)[1:]])
     carried = full.guides.tracked

@@ -35,7 +35,7 @@ class VideoStore:
 
     def __init__(self, path: Path, rate_hz: float = FRAMES_PER_S) -> None:
         if path.suffix.lower() not in CODECS:
-            raise RequestError(f"{path.name} is no name of a video", f"end it in {', '.join(CODECS)}")
+            raise RequestError(f"{path.name} is not the name of a video", f"end it in {', '.join(CODECS)}")
         if not path.absolute().parent.is_dir():
             raise RequestError(f"{path} cannot be written", "name a file in a folder that exists")
         self._path, self._rate_hz = path, rate_hz
@@ -102,7 +102,7 @@ def open_source(name: str, *, allow_remote: bool = False) -> CameraSource:
         _check_address(name, parts, allow_remote=allow_remote)
         return MjpegAddress(name, parts) if parts.scheme == "http" else _Capture(name, _open_rtsp(name), live=True)
     if "://" in name:
-        cause = f"{name} is no source of pictures"
+        cause = f"{name} is not a camera or video"
         raise RequestError(cause, "give a camera's number, a video file, http:// or rtsp://")
     return open_video(Path(name))
 
@@ -126,11 +126,11 @@ def cameras() -> list[tuple[int, str]]:
 def read_picture(path: Path) -> Picture:
     """Return the picture in a file, grey. RequestError: it is no picture, or too large."""
     if not path.is_file() or path.stat().st_size > JPEG_BYTES_MAX * 4:
-        raise RequestError(f"{path} is no picture", "give a PNG or JPEG file")
+        raise RequestError(f"{path} is not a picture", "give a PNG or JPEG file")
     with _quiet() as cv:
         picture = _grey(lambda: cv.imread(str(path), cv.IMREAD_GRAYSCALE))
     if picture is None:
-        raise RequestError(f"{path.name} is no picture, or has more than 50 megapixels", "give a PNG or JPEG file")
+        raise RequestError(f"{path.name} is not a picture, or has more than 50 megapixels", "give a PNG or JPEG file")
     return picture
 
 
@@ -189,8 +189,8 @@ def _open_file(path: Path) -> Any:
         capture = cv.VideoCapture(str(path), cv.CAP_FFMPEG)
         size = capture.get(cv.CAP_PROP_FRAME_WIDTH) * capture.get(cv.CAP_PROP_FRAME_HEIGHT)
         if not capture.isOpened() or not 0 < size <= PIXELS_MAX:
-            cause = f"{path.name} is no video"
-            raise RequestError(cause, f"give one that plays, such as {', '.join(_VIDEO_SUFFIXES[:5])}")
+            cause = f"{path.name} is not a video"
+            raise RequestError(cause, f"choose a video file, such as {', '.join(_VIDEO_SUFFIXES[:5])}")
         return capture
 
 
@@ -290,7 +290,7 @@ class MjpegAddress:
         cv = optional("cv2")
         picture = _grey(lambda: cv.imdecode(np.frombuffer(jpeg, np.uint8), cv.IMREAD_GRAYSCALE))
         if picture is None:
-            raise DeviceError(f"{self.name} sent what is no JPEG picture", "check the camera")
+            raise DeviceError(f"{self.name} sent data that are not a JPEG picture", "check the camera")
         return picture
 
     def close(self) -> None:

@@ -132,7 +132,7 @@ class ElongationLoop:
 
     def _delayed(self, delay_s: float) -> LoopStop:
         margin_s = self.regulator.delay_margin_s
-        cause = f"the board answers after {1000 * delay_s:.0f} ms, the control bears {1000 * margin_s:.0f} ms"
+        cause = f"the board answers after {1000 * delay_s:.0f} ms, the control tolerates {1000 * margin_s:.0f} ms"
         return LoopStop(MessageKind.LINK_DELAY, cause, "connect the board directly, or use slower gains")
 
     def late(self, now_ns: int, age_s: float) -> LoopStop | None:

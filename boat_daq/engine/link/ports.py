@@ -131,7 +131,7 @@ def _read_some(port: serial.Serial) -> bytes:
     except BlockingIOError:  # called ready, and there is nothing yet
         return b""
     if not data:  # ready, and nothing to read: the device has left
-        raise serial.SerialException("the device has left the port")
+        raise serial.SerialException("the device was removed")
     return data
 
 

@@ -66,7 +66,7 @@ def now_utc() -> str:
 def check_recording_name(path: Path) -> None:
     """Refuse a name that is not a recording's, or that some system cannot hold."""
     if path.suffix != schema.SUFFIX:
-        remedy = f"Call it {path.stem or 'run'}{schema.SUFFIX}"
+        remedy = f"Name it {path.stem or 'run'}{schema.SUFFIX}"
         raise RequestError(f"{path.name!r} does not end in {schema.SUFFIX}", remedy)
     check_file_name(path.name)
 

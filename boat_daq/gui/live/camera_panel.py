@@ -102,7 +102,7 @@ class CameraPanel(QWidget):
         self.mark.setToolTip(MARK_TIP)
         self.button = controls.button("Open", self.toggle, "primary", name="Open or close the camera")
         self.picture = MarkedPicture()
-        tip = "Films the simulated unit, for practice; its readings are simulated, too"
+        tip = "Films the simulated unit, for practice; its readings are marked simulated"
         self.virtual = controls.button("Open the virtual camera", self._open_virtual, tip=tip)
         self.print = controls.button("Save the marks …", self._save_marks, tip="The two marks as a PDF to print")
         self.value = controls.label("", "title", name="Elongation by the camera")

@@ -15,10 +15,10 @@ from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.outlets import OutletsModel
 
-_EXPLANATION = "Other programs read what the board sends, without delaying the recording."
-_NETWORK = "LSL has no access control: anyone on the network can then read."
-CONTROL = "Clients may run plans, set pressures and record, within all limits; without it they read and vent"
-_TOKEN = "Clients send the token before they control; those of other computers before anything."  # noqa: S105 - an explanation
+_EXPLANATION = "Sends the board's data to other programs."
+_NETWORK = "LSL has no access control: anyone on the network can read the data."
+CONTROL = "Without it clients only read and vent; with it they also run and record."
+_TOKEN = "Required for control, and for all requests from other computers."  # noqa: S105 - an explanation
 
 
 class OutletsPanel(QDialog):

@@ -25,7 +25,7 @@ from protocol.recording import SEGMENT_KINDS
 
 CELL_WIDTH = 72
 NOT_SEGMENTS = "Made in the tab Plan. Convert to segments to edit here."
-LOCKED = "A run has this plan."
+LOCKED = "A run uses this plan."
 
 
 class PlanEditorPanel(QDialog):

@@ -311,11 +311,11 @@ class PlanForm(QScrollArea):
 
     def _elongation_card(self) -> QFrame:
         self.mm = controls.field("Target elongation", "0", self._set_elongation, width=FIELD_WIDTH)
-        tip = "Controls the pressure so that the unit has this elongation"
+        tip = "Control the pressure to hold this elongation"
         self.elongation_button = controls.button("Set elongation", self._set_elongation, tip=tip)
         self.elongation = controls.label("", "muted", wrap=True)
         self.hold = QCheckBox("Hold pressure if it stops")
-        self.hold.setToolTip("Where sensors disagree or the elongation does not follow; otherwise the unit is vented")
+        self.hold.setToolTip("Hold, not vent, if sensors disagree or the elongation does not follow")
         self.hold.toggled.connect(self._hold)
         elongation, _ = controls.card(
             controls.label("Manual elongation", "subtitle"),

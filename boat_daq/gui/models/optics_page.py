@@ -298,7 +298,7 @@ class OpticsPage(ReflowingPage):
         states = controls.row(controls.label("compressed", "small"), self.slider, controls.label("elongated", "small"))
         keep = services.preferences
         shown = controls.holder(controls.column(self._design(), (self.scene, 1), states, spacing=style.GAP))
-        self.ranks = controls.label("", "muted", wrap=True, name="Ranks, turns and errors of the sweep")
+        self.ranks = controls.label("", "muted", wrap=True, name="Ranks, turns of the fan and errors of the sweep")
         self.details = controls.inside(controls.column(self.ranks))
         self.details.hide()
         left = Shares("maps", keep, (self.strip, 2), (self.maps, 5))

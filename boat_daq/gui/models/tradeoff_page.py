@@ -72,7 +72,7 @@ PRECISIONS = {
 }
 MEASURE = "Measure this computer"
 MEASURE_TIP = "Takes some minutes, in a helper process"
-SHARE_TIP = "The error in percent of the least that is noticeable; the rule accepts a setting up to 50 %"
+SHARE_TIP = "Error in percent of the smallest noticeable error; settings up to 50 % are accepted"
 _HEADINGS = ("No.", "Method", "Default", "Time", "Error", "Share")
 _KEY = "● a method   ■ a whole job   lower: more exact   further left: faster"
 _NUMBERS = {name: number for number, name in enumerate(METHOD_NAMES, 1)}

@@ -45,8 +45,8 @@ ACCEPT_TIP = "Store it with the unit and use it live"
 ANYWAY_TIP = "Store it with the unit, marked as out of tolerance, and use it live"
 _NO_CYCLE = "A loop needs one complete cycle."
 _BRANCHES = (("Loading", "Residual, loading", True), ("Unloading", "Residual, unloading", False))
-CERTIFICATE_TIP = "Certificate of this calibration as PDF and XML: requests what is missing, and shows the pages"
-CHOICE_TIP = "The curve of all sensors; cross-validation takes for each the simplest that predicts best"
+CERTIFICATE_TIP = "Certificate as PDF and XML: enter what is missing, look at the pages, save"
+CHOICE_TIP = "Curve of all sensors; cross-validation takes the simplest that predicts best"
 CURVE_TIPS = {
     1: "Whether the curve follows the readings within their scatter",
     2: "Expanded uncertainty (k = 2) of an elongation in the middle of the range",

@@ -14,7 +14,7 @@ from boat_daq.viewmodels.results.certificates import CertificateModel
 
 _REFRESH_MS = 250
 _MISSING = 'Empty fields print as "not stated". Entries are remembered.'
-COMPLETE = "Everything that the certificate states is known."
+COMPLETE = "All fields are filled."
 MAKING = "The pages are being made \u2026"
 PAGE_SCALE = 0.85  # of the screen's height that the panel takes at most
 
@@ -73,7 +73,7 @@ class CertificatePanel(QDialog):
             return
         self._shown, model = self.model.revision, self.model
         self.outcome.setText(MAKING if model.working else model.failure or f"No. {model.number}")
-        controls.allow(self.write, "" if model.pages and not model.working else "The pages are not made yet.")
+        controls.allow(self.write, "" if model.pages and not model.working else "No pages yet.")
         while (item := self.stack.takeAt(0)) is not None:
             if (page := item.widget()) is not None:
                 page.deleteLater()

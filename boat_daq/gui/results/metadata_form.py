@@ -11,7 +11,7 @@ from boat_daq.gui.widgets import controls
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.results.metadata import FIELDS, MetadataModel, free_lines
 
-_EXPLANATION = "Printed in reports, exports and certificates. Note and ambient conditions are not remembered."
+_EXPLANATION = "Printed in reports, exports and certificates."
 FREE_HINT = "name = value, one on each line"
 
 

@@ -200,7 +200,7 @@ class RunsPage(QWidget):
         lines = 2 * QFontMetrics(style.small_font()).lineSpacing()
         self.details.setMinimumHeight(lines)  # a splitter gives a card no height for what wraps in it
         ask = partial(ask_open, self, self.services, "Import a table", TABLE_KINDS, self.services.open)
-        self.import_ = controls.button("Import table …", ask, tip="A table of another program, as a recording")
+        self.import_ = controls.button("Import table …", ask, tip="Convert a table of another program to a recording")
         find = controls.row((self.search, 1), (where, 1), self.folder, self.import_)
         frame, _ = controls.card(head, find, (self.list, 1), self.details)
         return frame
@@ -288,7 +288,7 @@ class RunsPage(QWidget):
 
     def _note(self) -> None:
         run = self.selected()[0]
-        words = f"Note on {run.path.name}. It is added to the recording; the note before it stays in the file."
+        words = f"Note on {run.path.name}. The previous note stays in the file."
         attempt = self.services.notices.attempt
         add = partial(self.model.note, run)
         TextDialog(self, "Note", words, run.note, "Save", lambda text: attempt(partial(add, text)))

@@ -28,7 +28,7 @@ class FileKind(Enum):
 
 def kind_of(path: Path) -> FileKind:
     if not path.is_file():
-        raise RequestError(f"{path.name} is {'a folder' if path.is_dir() else 'not there'}", OPENED)
+        raise RequestError(f"{path.name} {'is a folder' if path.is_dir() else 'does not exist'}", OPENED)
     suffix = path.suffix.lower()
     if suffix == SUFFIX:
         return FileKind.RECORDING

@@ -92,8 +92,8 @@ class EndAt:
         try:
             asked = plain_number(typed.removesuffix(unit))
         except ValueError:
-            remedy = f"Enter a number of {unit}, as {EXAMPLES[unit]}, or nothing for all cycles."
-            raise RequestError(f"{typed!r} is not a number of {unit}", remedy) from None
+            remedy = f"Enter a number in {unit}, such as {EXAMPLES[unit]}, or leave it empty to run all cycles."
+            raise RequestError(f"{typed!r} is not a number", remedy) from None
         check_asked(asked, unit)
         return asked
 

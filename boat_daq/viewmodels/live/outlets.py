@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from boat_daq.workflows.live_conversion import Conversion
 
 STREAMS, NODE, NODE_ADDRESS = "lsl_streams", "secop_node", "secop_address"
-OFF, WAITING = "Off", "Waits for a board"
+OFF, WAITING = "Off", "Waiting for a board"
 _OPEN = (LinkState.UP, LinkState.SILENT, LinkState.LOST)
 
 

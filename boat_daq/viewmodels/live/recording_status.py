@@ -58,7 +58,7 @@ class RecordingStatus:
         left = f"{size_text(self._left)} free"
         little = self._left < LITTLE_SPACE
         health = snapshot.health
-        cost = f"\na crash now would cost at most {health.at_risk_ms / 1e3:.2f} s" if health is not None else ""
+        cost = f"\na crash now would lose at most {health.at_risk_ms / 1e3:.2f} s" if health is not None else ""
         pace = self._size / snapshot.recorded_s if snapshot.recorded_s > 0 else 0.0
         lasts = f", enough for {duration(self._left / pace)} at this rate" if pace else ""
         tip = f"{path.name}\nin {path.parent} (click to open it)\n{size_text(self._size)}, {left}{lasts}{cost}"

@@ -46,10 +46,10 @@ _WHOLE = ("cycles",)  # entries that are whole numbers
 PLAN_ENTRIES = (
     Entry("cycles", "Cycles", "", "Complete cycles, each from the highest pressure to the lowest and back."),
     Entry("high_kpa", "Highest", "kPa", "Pressure at which every cycle begins and ends."),
-    Entry("low_kpa", "Lowest", "kPa", "Pressure at which every cycle turns."),
+    Entry("low_kpa", "Lowest", "kPa", "Pressure at which every cycle reverses."),
     Entry("step_kpa", "Step", "kPa", "Distance between the plateaus of a staircase."),
     Entry("ramp_kpa_per_s", "Ramp", "kPa/s", "Rate of change of pressure towards a target."),
-    Entry("min_dwell_s", "Shortest hold", "s", "Least duration of a plateau."),
+    Entry("min_dwell_s", "Shortest hold", "s", "Minimum duration of a plateau."),
     Entry("max_dwell_s", "Longest hold", "s", "A plateau that is not steady after this time is marked."),
     Entry("tolerance_kpa", "Tolerance", "kPa", "Distance from the target at which the pressure counts as reached."),
     Entry("settling_s", "Settling", "s", "Time after reaching the target that is left out of the mean."),

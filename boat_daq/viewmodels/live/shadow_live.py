@@ -382,7 +382,7 @@ class ShadowMonitor:
             return f"{count(len(self.alarms), 'alarm')} in {count(len(self.marks), 'cycle')}"
         rate = "expected false alarms: 1 per 1" + THIN + "000 healthy cycles"
         if not self.marks:
-            return f"none; {rate}"
+            return f"no cycle yet; {rate}"
         return f"\u25cf none in {count(len(self.marks), 'cycle')}; {self.sight()}; {rate}"
 
     def sight(self) -> str:

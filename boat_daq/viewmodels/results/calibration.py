@@ -244,7 +244,7 @@ class CalibrationModel:
         if self.result is None or not self.result.calibrated:
             raise RequestError("there is no calibration yet", "Analyse a run with readings first.")
         if not self.samples():
-            raise RequestError("a spline has no posterior", "Choose a degree for the curve.")
+            raise RequestError("a spline has no uncertainty bands", "Choose a degree for the curve.")
         sensors = [sensor.record for sensor in self.result.sensors]
         job = Job("Computing uncertainty bands", sample_run, sensors, self.fidelity.level)
         self.jobs.start("posterior", job, self._sampled)
@@ -367,8 +367,7 @@ class CalibrationModel:
         if self.working:
             return "Intervals follow \u2026" if self.result.preliminary else "Analysing again \u2026"
         if self.accepted is not None:
-            use = "the simulated unit, used on virtual boards" if self.result.simulated else "the unit and used live"
-            return f"Stored with {use}. {limits}".strip()
+            return f"{'Used on virtual boards' if self.result.simulated else 'Used live'}. {limits}".strip()
         return limits
 
     def limits_state(self) -> str:

@@ -157,7 +157,7 @@ class CsvImport:
         names = {value: name for name, value in SEPARATORS if value} | {"white space": "space"}
         size = f"{count(seen['rows'], 'row')}, {count(len(self.columns), 'column')}"
         if self.second is not None:
-            size += f"; joined with {self.second.name} by dates, else by what both show"
+            size += f"; joined with {self.second.name} by date, or by a signal in both"
         if not seen["separator"]:
             return f"{size}; {seen['encoding']}"
         sign = {".": "point", ",": "comma"}[seen["decimal"]]

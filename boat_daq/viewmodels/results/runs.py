@@ -168,7 +168,7 @@ class RunsModel:
         try:
             time_s = plain_number(time)
         except ValueError as error:
-            raise RequestError(f"{time!r} is no time", "Begin with the seconds: 12.5 valve opened.") from error
+            raise RequestError(f"{time!r} is not a time", "Begin with the seconds: 12.5 valve opened.") from error
         add_marker(run.path, time_s, note)
         self.select(run.path)
 

@@ -54,7 +54,7 @@ def test_calibration_without_an_inverse_is_written_with_its_reason(tmp_path: Pat
         (("sensors", 0, "inverse", "powers"), [[1.0, 0.0]], "not monotone"),
         (("sensors", 0, "inverse", "powers"), [[1.0], [2.0]], "do not fit"),
         (("sensors", 0, "inverse", "range_mm"), [2.0, 1.0], "do not fit"),
-        (("sensors", 1, "inverse", "starts"), "text", "no array"),
+        (("sensors", 1, "inverse", "starts"), "text", "not an array"),
         (("sensors", 1, "inverse", "noise_mm"), [None] * 129, "not finite"),
         (("sensors", 1, "inverse", "shared_mm"), [-1.0] * 129, "negative"),
         (("sensors", 1, "inverse", "half_division_mm"), -1, "half_division_mm"),

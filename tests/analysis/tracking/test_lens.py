@@ -125,7 +125,7 @@ def test_a_file_that_is_no_lens_is_refused(tmp_path: Path, text: str) -> None:
     """Cause and remedy, for any content."""
     path = tmp_path / "lens.json"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(FileError, match="is no lens"):
+    with pytest.raises(FileError, match="is not a lens"):
         read_lens(path)
 
 

@@ -44,7 +44,7 @@ def test_json_goes_to_standard_output_and_is_read_again(stairs: tuple[Path, Path
 
 def test_run_without_calibration_is_refused(stairs: tuple[Path, Path]) -> None:
     """Cause and remedy; a format or a bound that does not exist is a usage error."""
-    assert "no calibration" in refusal("calibration", stairs[0], "--format", "c").cause
+    assert "not a calibration" in refusal("calibration", stairs[0], "--format", "c").cause
     assert exit_code("calibration", stairs[0], "--format", "pascal") == 2
     assert exit_code("calibration", stairs[0], "--format", "json", "--table-error", "0.1") == 2
 

@@ -70,7 +70,7 @@ def test_marks_that_contradict_the_grid_are_refused(video: Path) -> None:
 
 
 def test_a_video_without_marks_is_refused(tmp_path: Path) -> None:
-    """Cause and remedy; so is a file that is no video, and a lens that is none."""
+    """Cause and remedy; so is a file that is not a video, and a lens that is none."""
     store = VideoStore(tmp_path / "blank.mkv")
     rng = np.random.default_rng(0)
     for _ in range(5):
@@ -84,8 +84,8 @@ def test_a_video_without_marks_is_refused(tmp_path: Path) -> None:
         (tmp_path / f"{name}.toml").write_text(given, encoding="utf-8")
     for words, cause in (
         (("blank.mkv",), "a mark is not in the picture, or is covered in 5 of 5 frames"),
-        (("text.mkv",), "text.mkv is no video"),
-        (("lens.toml",), "is no lens"),
+        (("text.mkv",), "text.mkv is not a video"),
+        (("lens.toml",), "is not a lens"),
         (("side.toml",), "side.toml has 'mark', which is not a parameter of the camera"),
         (("none.toml",), "names no source"),
         (("text.toml",), "u_mark_mm = 'wide' is not possible"),

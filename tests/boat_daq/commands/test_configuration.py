@@ -25,7 +25,7 @@ def test_settings_are_set_and_shown():
         "default": 115_200,
         "unit": "Bd",
         "range": "300 to 12000000 Bd",
-        "meaning": "Of a serial port; 8N1",
+        "meaning": "Serial ports only; 8N1",
         "applies": "at the next connection",
     }
     assert call("config", "set", "rate_hz=1000", "resolution_mm=0,25", "allow_remote=on", "--json")["settings"][

@@ -72,17 +72,17 @@ def test_a_count_of_reflected_parts_is_not_given_as_rays_of_250() -> None:
     result = CliRunner().invoke(app, ["optics", "trace", "--rays", "10", "--secondary", "5000"])
     assert "of 250" not in result.stdout
     assert "detected rays, power 0." in result.stdout
-    assert " +- 0." in result.stdout
-    assert "use the power" in result.stderr
+    assert " ± 0." in result.stdout
+    assert "compare the power" in result.stderr
 
 
 def test_a_count_is_written_to_two_digits_of_its_spread() -> None:
     """However fine: 88.71 with 0.012 is no 88.7 with 0.0; few rays keep their decimal place."""
     runner = CliRunner()
     fine = runner.invoke(app, ["optics", "trace", "--tolerance", "0.02"]).stdout
-    assert re.search(r"NDR \d+\.\d{4,5} \+- 0\.00\d{2,3} of 250", fine), fine
+    assert re.search(r"NDR \d+\.\d{4,5} ± 0\.00\d{2,3} of 250", fine), fine
     coarse = runner.invoke(app, ["optics", "trace", "--rays", "150"]).stdout
-    assert re.search(r"NDR \d+\.\d \+- \d+\.\d of 250", coarse), coarse
+    assert re.search(r"NDR \d+\.\d ± \d+\.\d of 250", coarse), coarse
 
 
 @pytest.mark.parametrize("option", [("--rays", 20_000), ("--tolerance", 0.2)])

@@ -44,10 +44,10 @@ def test_refusal_with_json_is_an_object(tmp_path: Path) -> None:
         (["--plan", "calibration", "--uncertainty", "0.08"], "needs --elongation or --camera"),
         (
             ["--plan", "repeatability", "--uncertainty", "0.08", "--camera", "0"],
-            "is of staircase plans, this one is continuous: it has no plateaus to read; set end_percent_fso",
+            "applies to staircase plans; this one is continuous: it has no plateaus to read; set end_percent_fso",
         ),
-        (["--plan", "step-test", "--uncertainty", "0.1"], "is of staircase plans, this one is profile"),
-        (["--uncertainty", "0.08", "--camera", "0"], "without one there is nothing to end"),
+        (["--plan", "step-test", "--uncertainty", "0.1"], "applies to staircase plans; this one is profile"),
+        (["--uncertainty", "0.08", "--camera", "0"], "no plan is given"),
         (["--plan", "calibration", "--uncertainty", "0", "--camera", "0"], "an uncertainty of 0"),
         (["--plan", "calibration", "--uncertainty", "nan", "--camera", "0"], "give a number of mm above 0"),
     ],

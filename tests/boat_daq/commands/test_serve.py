@@ -51,8 +51,8 @@ def test_a_client_reads_while_it_serves(tmp_path: Path) -> None:
     ("arguments", "text"),
     [
         ([], "give --lsl"),
-        (["--secop", "localhost:0", "--plans", "no_such_folder"], "no_such_folder is no folder"),
-        (["--secop", "localhost:x"], "is no port"),
+        (["--secop", "localhost:0", "--plans", "no_such_folder"], "no_such_folder is not a folder"),
+        (["--secop", "localhost:x"], "is not a port number"),
         (["--listen", "0.0.0.0:0"], "other computers"),
     ],
 )

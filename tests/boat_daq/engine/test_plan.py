@@ -134,7 +134,7 @@ def test_plans_of_a_folder_beside_the_built_in_ones(tmp_path: Path) -> None:
     (tmp_path / "second.toml").write_text("cycles = 1", encoding="utf-8")
     with pytest.raises(RequestError, match="'name' is missing"):
         plans_in(tmp_path)
-    with pytest.raises(RequestError, match="is no folder"):
+    with pytest.raises(RequestError, match="is not a folder"):
         plans_in(tmp_path / "none")
 
 

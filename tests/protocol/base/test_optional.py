@@ -58,7 +58,7 @@ def test_bundle_names_no_pip(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "frozen", True, raising=False)
     with pytest.raises(RequestError) as refused:
         optional("pyarrow")
-    assert "program without Python" in refused.value.remedy
+    assert "standalone program" in refused.value.remedy
 
 
 @pytest.mark.parametrize("module", EXTRAS)

@@ -27,7 +27,7 @@ def test_no_temperature_is_refused_by_its_key(text: str) -> None:
 
 @pytest.mark.parametrize("values", [{"customer": 1}, {"fields": {"a": 1}}, {"fields": [1]}, {"note": "x" * 30_000}])
 def test_foreign_values_are_refused(values: dict[str, object]) -> None:
-    with pytest.raises(ValueError, match="no t"):
+    with pytest.raises(ValueError, match="not a t"):
         Metadata.of(values, 20_000)
 
 
@@ -35,7 +35,7 @@ def test_a_stored_note_of_any_length_is_read_and_typed_ones_are_bounded() -> Non
     """A recording of an older version may hold a longer one."""
     text = "x" * 30_000
     assert Metadata.of({"note": text}).note == text
-    with pytest.raises(RequestError, match="note is no text of at most 20000"):
+    with pytest.raises(RequestError, match="note is not a text of at most 20000"):
         Metadata().changed({"note": text})
 
 

@@ -60,13 +60,13 @@ def test_a_file_that_is_no_video_is_refused(tmp_path: Path) -> None:
     (tmp_path / "text.mp4").write_text("no video", encoding="utf-8")
     (tmp_path / "empty.mkv").touch()
     for name in ("text.mp4", "empty.mkv"):
-        with pytest.raises(RequestError, match=f"{name} is no video"):
+        with pytest.raises(RequestError, match=f"{name} is not a video"):
             open_source(str(tmp_path / name))
     with pytest.raises(RequestError, match="is not a regular file"):
         open_source(str(tmp_path))
     with pytest.raises(RequestError, match="does not exist"):
         open_source("absent.mp4")
-    with pytest.raises(RequestError, match="no source of pictures"):
+    with pytest.raises(RequestError, match="not a camera or video"):
         open_source("ftp://127.0.0.1/x")
 
 
@@ -133,7 +133,7 @@ def test_an_address_that_is_no_stream_is_refused(page: str) -> None:
     with pytest.raises(DeviceError, match="is no MJPEG stream: status 200, text/html"):
         open_source(page)
     for path in ("broken", "giant"):
-        with pytest.raises(DeviceError, match="no JPEG picture"):
+        with pytest.raises(DeviceError, match="not a JPEG picture"):
             next(open_source(f"{page}/{path}").frames()).decode()
     with pytest.raises(DeviceError, match="does not answer"):
         open_source("http://127.0.0.1:9/")
@@ -154,7 +154,7 @@ def test_a_picture_file_is_read_grey(tmp_path: Path) -> None:
     assert (read_picture(path) == PICTURE).all()
     for content in (b"no picture", giant_jpeg()):
         path.write_bytes(content)
-        with pytest.raises(RequestError, match="is no picture"):
+        with pytest.raises(RequestError, match="is not a picture"):
             read_picture(path)
 
 

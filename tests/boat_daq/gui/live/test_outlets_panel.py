@@ -32,7 +32,7 @@ def test_a_node_is_switched_and_its_clients_are_seen(live):
     assert "control allowed" in header.outlets.toolTip()
     panel.address.setText("127.0.0.1:http")
     panel.address.editingFinished.emit()
-    assert "'http' is no port" in live.model.notices.history_text()
+    assert "'http' is not a port number" in live.model.notices.history_text()
     assert model.choice.address == panel.address.text() == "127.0.0.1:0"
     panel.serving.click()
     live.refresh()

@@ -81,4 +81,4 @@ def test_plan_is_locked_during_a_run(live, panel):
     live.model.session.change(state=SessionState.RUNNING, progress=RAMPING)
     live.refresh()
     assert not panel.segments.isEnabled()
-    assert panel.summary.text() == "A run has this plan."
+    assert panel.summary.text() == "A run uses this plan."

@@ -345,7 +345,7 @@ def test_note_is_undone(runs, qtbot):
     dialog.field.setText("tube")
     dialog.button.click()
     assert dialog.isVisible()  # no time: what was typed stays
-    assert "is no time" in window.model.notices.current().cause
+    assert "is not a time" in window.model.notices.current().cause
     run_shortcut(window, "Ctrl+Z")
     until(("first.boat", read_run(SAMPLE).note))
 

@@ -72,7 +72,7 @@ def test_outlets_are_open_while_a_board_sends(tmp_path: Path, opened: list[Strea
     model.stream(True)
     model.serve(True, HERE)
     model.follow(session.snapshot())
-    assert (model.view().streams, model.view().node, model.view().badge) == ("Waits for a board",) * 2 + ("",)
+    assert (model.view().streams, model.view().node, model.view().badge) == ("Waiting for a board",) * 2 + ("",)
     session.live.ring = filled_ring(1.0)
     session.change(link=LinkState.UP)
     model.follow(session.snapshot())
@@ -148,7 +148,7 @@ def test_an_outlet_that_cannot_be_opened_is_switched_off(tmp_path: Path, monkeyp
     model.serve(True, NodeChoice("0.0.0.0:0"))
     with pytest.raises(RequestError, match="can be reached from other computers"):
         model.follow(session.snapshot())
-    with pytest.raises(RequestError, match="is no port"):
+    with pytest.raises(RequestError, match="is not a port number"):
         model.serve(True, NodeChoice("localhost:x"))
 
     def no_library(*_: Any, **__: Any) -> Any:
@@ -190,7 +190,7 @@ def test_an_address_is_host_and_port(address: str, expected: tuple[str, int]) ->
 
 @pytest.mark.parametrize("address", ["localhost:x", "localhost:70000", "localhost:-1", "localhost:", "::1:"])
 def test_an_address_without_a_usable_port_is_refused(address: str) -> None:
-    with pytest.raises(RequestError, match="is no port"):
+    with pytest.raises(RequestError, match="is not a port number"):
         NodeChoice(address).host_and_port  # noqa: B018 - the refusal is what is tested
 
 

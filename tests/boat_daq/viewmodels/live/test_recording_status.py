@@ -59,7 +59,7 @@ def test_cost_of_a_crash_is_shown_and_late_samples_are_a_warning(tmp_path, monke
         status, shown = status_of(tmp_path, recording=tmp_path / "a.boat", recorded_s=1.0, health=health)
         text = status.text(shown)
         assert text.state == state
-        assert text.tip.endswith(f"a crash now would cost at most {at_risk_ms / 1e3:.2f} s")
+        assert text.tip.endswith(f"a crash now would lose at most {at_risk_ms / 1e3:.2f} s")
 
 
 def test_a_disk_that_takes_nothing_is_not_shown_as_recording(tmp_path, monkeypatch):

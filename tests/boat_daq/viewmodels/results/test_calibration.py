@@ -213,7 +213,7 @@ def test_choice_of_a_curve_is_fitted_undone_and_stored(tmp_path, result, monkeyp
 
 
 def test_curves_are_compared_sensor_by_sensor(tmp_path, result):
-    """The chosen one is marked; a curve without U has a dash and its reason; a spline has no posterior."""
+    """The chosen one is marked; a curve without U has a dash and its reason; a spline has no uncertainty bands."""
     found = (CurveCandidate("3", "adequate", "it follows", 0.36, 0.0805), CurveCandidate("spline", void="it turns"))
     model = model_on(tmp_path, dataclasses.replace(result, candidates=(found, ())))
     rows = model.curve_rows()

@@ -32,7 +32,7 @@ def test_marks_have_their_true_size_on_the_page(tmp_path: Path) -> None:
 
 def test_other_files_and_sizes_are_refused(tmp_path: Path) -> None:
     """Cause and remedy."""
-    with pytest.raises(RequestError, match="does not end in .pdf"):
+    with pytest.raises(RequestError, match=r"does not end in \.pdf"):
         write_sheet(tmp_path / "marks.png", 8.0)
     with pytest.raises(RequestError, match="1000 mm is not possible"):
         write_sheet(tmp_path / "marks.pdf", 1000.0)

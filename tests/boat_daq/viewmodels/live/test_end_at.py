@@ -66,7 +66,7 @@ def test_a_wrong_value_is_refused_in_its_unit(tmp_path: Path) -> None:
     for wrong, error in (("wide", RequestError), ("0", RequestError), ("inf", RequestError)):
         with pytest.raises(error) as refused:
             entry.end_at.enter(wrong)
-        assert "% FSO" in str(refused.value)
+        assert "% FSO" in refused.value.remedy
         assert "as 0.5" in refused.value.remedy
     assert entry.end_at.text == "0.5"
     entry.services.preferences.set(end_at.KEY, {"mm": "wide", "% FSO": -1.0})

@@ -225,7 +225,7 @@ def test_curves_are_compared_sensor_by_sensor(tmp_path, result):
     spline = dataclasses.replace(record, fit={**record.fit, "curve": "spline"})
     model.show(dataclasses.replace(result, sensors=(dataclasses.replace(result.sensors[0], record=spline),)))
     assert not model.samples()
-    with pytest.raises(RequestError, match="no posterior"):
+    with pytest.raises(RequestError, match="no uncertainty bands"):
         model.sample()
 
 

@@ -29,6 +29,7 @@ from PySide6.QtWidgets import (
 
 from boat_daq.engine.installation import shipped
 from boat_daq.gui import style
+from boat_daq.gui.command_palette import Palette, ShortcutSheet, Tutorial
 from boat_daq.gui.connect_panel import ConnectPanel
 from boat_daq.gui.header import Header, Navigation, Strip, Vents
 from boat_daq.gui.live.live_page import LivePage
@@ -37,7 +38,6 @@ from boat_daq.gui.live.units_panel import UnitsPanel
 from boat_daq.gui.models.optics_page import OpticsPage
 from boat_daq.gui.models.shadow_page import ShadowPage
 from boat_daq.gui.models.tradeoff_page import TradeoffPage
-from boat_daq.gui.palette import Palette, ShortcutSheet, Tutorial
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
 from boat_daq.gui.registry import Registry, WindowKeys

@@ -25,7 +25,7 @@ from PySide6.QtWidgets import (
 )
 
 from boat_daq.gui import style
-from boat_daq.gui.palette import shown
+from boat_daq.gui.command_palette import shown
 from boat_daq.viewmodels.common.services import PLACES, page_of
 from tests.boat_daq.gui.windows import run_command, shared_window
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from boat_daq.gui.palette import ranked
+from boat_daq.gui.command_palette import ranked
 
 
 def test_beginnings_of_words_rank_first():

@@ -16,7 +16,7 @@ from PySide6.QtWidgets import (
 from boat_daq.engine.snapshot import (
     SessionState,
 )
-from boat_daq.gui.palette import Tutorial
+from boat_daq.gui.command_palette import Tutorial
 from tests.boat_daq.gui.windows import NARROW, run_shortcut
 from tests.conftest import mostly_at_night
 

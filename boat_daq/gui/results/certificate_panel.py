@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from PySide6.QtCore import Qt, QTimerEvent
 from PySide6.QtGui import QPixmap, QResizeEvent
-from PySide6.QtWidgets import QDialog, QFrame, QLabel, QLineEdit, QScrollArea, QVBoxLayout, QWidget
+from PySide6.QtWidgets import QFrame, QLabel, QLineEdit, QScrollArea, QVBoxLayout, QWidget
 
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.file_dialogs import ask_save
+from boat_daq.gui.widgets.text_dialog import FormDialog
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.results.certificates import CertificateModel
 
@@ -19,7 +20,7 @@ MAKING = "The pages are being made \u2026"
 PAGE_SCALE = 0.85  # of the screen's height that the panel takes at most
 
 
-class CertificatePanel(QDialog):
+class CertificatePanel(FormDialog):
     def __init__(self, parent: QWidget, model: CertificateModel, services: Services) -> None:
         super().__init__(parent.window())
         self.model, self.services = model, services
@@ -90,7 +91,10 @@ class CertificatePanel(QDialog):
 
     def _show(self) -> None:
         texts = [{key: field.text() for key, field in part.items()} for part in (self.metadata, self.laboratory)]
-        self.services.notices.attempt(lambda: self.model.state(*texts))
+        if self.services.notices.attempt(lambda: self.model.state(*texts)):
+            for field in (*self.metadata.values(), *self.laboratory.values()):
+                field.setModified(False)
+            self.setWindowTitle(f"Certificate of {self.model.path.name}")
         self._follow()
 
     def _write(self) -> None:

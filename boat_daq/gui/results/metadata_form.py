@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QShowEvent
-from PySide6.QtWidgets import QDialog, QLineEdit, QPlainTextEdit, QWidget
+from PySide6.QtWidgets import QLineEdit, QPlainTextEdit, QWidget
 
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls
+from boat_daq.gui.widgets.text_dialog import FormDialog
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.results.metadata import FIELDS, MetadataModel, free_lines
 
@@ -15,7 +16,7 @@ _EXPLANATION = "Printed in reports, exports and certificates."
 FREE_HINT = "name = value, one on each line"
 
 
-class MetadataForm(QDialog):
+class MetadataForm(FormDialog):
     def __init__(self, parent: QWidget, model: MetadataModel, services: Services) -> None:
         super().__init__(parent.window())
         self.model, self.services = model, services
@@ -51,4 +52,4 @@ class MetadataForm(QDialog):
 
     def _save(self) -> None:
         if self.services.notices.attempt(lambda: self.model.state(self.typed(), self.free.toPlainText())):
-            self.close()
+            self.accept()

@@ -1,17 +1,32 @@
-"""A panel that requests one text. Not modal, so that VENT can always be pressed; Esc closes it."""
+"""Panels that request texts. Not modal, so that VENT can always be pressed; Esc closes them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QDialog, QWidget
+from PySide6.QtWidgets import QDialog, QLineEdit, QPlainTextEdit, QWidget
 
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls
 
+DISCARD = "Not stored: close again to discard"
 
-class TextDialog(QDialog):
+
+class FormDialog(QDialog):
+    """A panel that is closed at the second request where something is typed that is not stored."""
+
+    def reject(self) -> None:
+        """Close the panel, or say in its title that this loses what is typed."""
+        typed = any(field.isModified() for field in self.findChildren(QLineEdit))
+        typed |= any(text.document().isModified() for text in self.findChildren(QPlainTextEdit))
+        if typed and self.windowTitle() != DISCARD:
+            self.setWindowTitle(DISCARD)
+        else:
+            super().reject()
+
+
+class TextDialog(FormDialog):
     """Requests a text; `then` takes it and returns whether it was accepted, else the panel stays open."""
 
     def __init__(
@@ -24,7 +39,7 @@ class TextDialog(QDialog):
         self.setMinimumWidth(style.FORM_WIDTH)
         self.field = controls.field(title, text, self._take)
         self.button = controls.button(action, self._take, "primary")
-        cancel = controls.button("Cancel", self.close)
+        cancel = controls.button("Cancel", self.accept)
         words = controls.label(explanation, "muted", wrap=True)
         self.setLayout(controls.column(words, self.field, controls.row(None, cancel, self.button), spacing=style.GAP))
         self.field.selectAll()
@@ -33,4 +48,4 @@ class TextDialog(QDialog):
 
     def _take(self) -> None:
         if self._then(self.field.text().strip()):
-            self.close()
+            self.accept()

@@ -7,7 +7,9 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from PySide6.QtWidgets import QApplication
+from PySide6.QtCore import Qt
+from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication, QLineEdit
 
 from boat_daq.engine.recording.metadata_entry import read_metadata
 from boat_daq.engine.settings import HOME_VARIABLE, UnitLibrary
@@ -112,3 +114,23 @@ def test_metadata_are_stated_and_refused_at_a_wrong_number(live, run):
     QApplication.processEvents()
     assert read_metadata(run).fields == {"rig": "2"}
     assert read_metadata(run).ambient_humidity_percent == 40.0
+
+
+@pytest.mark.parametrize("kind", ["metadata", "certificate"])
+def test_escape_does_not_lose_what_is_typed(live, run, kind):
+    """Fifteen fields were gone at one Esc; a second one discards them, and an untouched panel closes at the first."""
+    services = live.model.services
+    stated = MetadataModel.of_recording(run, UnitLibrary(simulated=True), "SA1", services.undo)
+    for text, open_after in (("Institute", [True, False]), ("", [False])):
+        panel = MetadataForm(live, stated, services)
+        if kind == "certificate":
+            panel = CertificatePanel(live, CertificateModel(stated, run, "", Jobs(), services), services)
+        panel.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose, False)
+        panel.show()
+        field = panel.findChildren(QLineEdit)[0]
+        QTest.keyClicks(field, text)
+        seen = []
+        for _ in open_after:
+            QTest.keyClick(panel, Qt.Key.Key_Escape)
+            seen.append(panel.isVisible())
+        assert seen == open_after

@@ -51,7 +51,7 @@ _GROUPS = {  # in the order of --help: place of the command in `commands/`, a fu
         "recordings.verify": "Derive a run again and compare",
         "recordings.recover": "Close what a killed session left",
         "recordings.upgrade": "Convert a recording of an older version",
-        "metadata": "Show or change who, what and where of a recording",
+        "recordings.metadata": "Show or change who, what and where of a recording",
         "setup.examples": "Copy the example recordings and a notebook",
     },
     "models": {

@@ -45,7 +45,9 @@ class ConnectPanel(QDialog):
         identity = "Known boards are found automatically. Choose the port of a new one."
         self.none = controls.label("\u25b2 No port found. Plug in the board, then rescan.", "muted", wrap=True)
         self.connect_button = controls.button("Connect", self.connect_board, "primary")
-        self.disconnect_button = controls.button("Disconnect", self.disconnect_board)
+        self.disconnect_button = controls.button(
+            "Disconnect", lambda: self.services.notices.attempt(self.connection.disconnect)
+        )
         self.refused = controls.label("", "", wrap=True, name="Why it is not connected")
         controls.set_state(self.refused, "fault")
         self.refused.hide()
@@ -143,10 +145,6 @@ class ConnectPanel(QDialog):
         self._fit()
         if connected:
             self.hide()
-
-    def disconnect_board(self) -> None:
-        """Vent and close the link."""
-        self.services.notices.attempt(self.connection.disconnect)
 
     def start_virtual(self) -> None:
         unit = f"{self.virtual_unit.currentData()}{self.sensors.currentData()}"

@@ -66,7 +66,8 @@ class Header(QWidget):
         self._lengths: tuple[object, ...] = ()
         self._short = 0  # 1: without the recording's size and the outlets' names; 2: nor the board's, outlets a sign
         self.vent = vent_button(vents.this)
-        self.vent_all = vent_all_button(vents.all)
+        name = "Vent the actuators of all windows now"
+        self.vent_all = _pressed_button("ALL   Shift+F4", "vent-all", name, vents.all)
         self.vent_all.hide()
         self.brand = controls.label("boat-daq", "brand")
         left = (self.brand, self.simulated, self.link, *self.figures)
@@ -205,11 +206,6 @@ def vent_button(vent: Callable[[], None]) -> QPushButton:
     button = _pressed_button("VENT   F4", "vent", "Vent the actuator now", vent)
     button.setToolTip("Vent now, in any state (F4; Esc where nothing is open)")
     return button
-
-
-def vent_all_button(vent_all: Callable[[], None]) -> QPushButton:
-    """Return the button that vents the boards of all windows; shown where there are others."""
-    return _pressed_button("ALL   Shift+F4", "vent-all", "Vent the actuators of all windows now", vent_all)
 
 
 def _pressed_button(text: str, style_name: str, name: str, act: Callable[[], None]) -> QPushButton:

@@ -36,7 +36,7 @@ class OutletsPanel(QDialog):
         self.control = _check("Allow control", self._switch_node)
         self.token = controls.label("", "muted", name="Token file", elide=True)
         self.choose = controls.button("Choose \u2026", self._choose_token, name="Choose the token file")
-        self.forget = controls.button("Remove", self._forget_token, name="Use no token file")
+        self.forget = controls.button("Remove", lambda: self._use_token(None), name="Use no token file")
         self.node_state = controls.label("", "muted", name="State of the node")
         streams, _ = controls.card(
             self.streaming,
@@ -103,9 +103,6 @@ class OutletsPanel(QDialog):
     def _use_token(self, path: Path | None) -> None:
         self.model.serve(self.model.serving, replace(self.model.choice, token_file=path))
         self.refresh()
-
-    def _forget_token(self) -> None:
-        self._use_token(None)
 
 
 def _check(text: str, changed: Callable[[], None]) -> QCheckBox:

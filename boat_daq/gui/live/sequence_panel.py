@@ -253,9 +253,8 @@ class PlanForm(QScrollArea):
         self.ask_readings = QCheckBox("Wait for each reading")
         self.ask_readings.setChecked(sequence.wait_for_reading)
         self.ask_readings.toggled.connect(sequence.require_readings)
-        self.edit = controls.button(
-            "Edit \u2026", self._toggle_more, tip="Pressures, rates, segments, files of the plan"
-        )
+        tip = "Pressures, rates, segments, files of the plan"
+        self.edit = controls.button("Edit \u2026", lambda: self.more.setVisible(self.edit.isChecked()), tip=tip)
         self.edit.setCheckable(True)
         shown, more = PLAN_ENTRIES[:1], PLAN_ENTRIES[1:]
         self.more = controls.inside(controls.column(*self._more(more), spacing=style.GAP))
@@ -287,9 +286,6 @@ class PlanForm(QScrollArea):
         files = controls.button("Open \u2026", self.open), controls.button("Save \u2026", self.save)
         self.buttons = controls.row(controls.row(*files, spacing=style.STEP), self.segments, None, spacing=style.STEP)
         return grid, self.buttons
-
-    def _toggle_more(self) -> None:
-        self.more.setVisible(self.edit.isChecked())
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Put the last button below the others in a narrow pane: units are never pushed out of it."""

@@ -37,13 +37,13 @@ CELL_MARGIN = 2 * style.GAP  # of both sides
 _HIGHEST = 1000
 
 
-class WrappedTable(DataTable):
-    """Rows as high as their texts; the columns in `stretched` share the remaining width, and are wrapped."""
+class DefaultsTable(DataTable):
+    """Rows as high as their texts; the columns in `_STRETCHED` share the remaining width, and are wrapped."""
 
-    def __init__(self, name: str, headings: Sequence[str], *, stretched: Sequence[int], right: Sequence[int]) -> None:
-        super().__init__(name, headings, stretched=stretched[0], right=right)
-        self._stretched = stretched
-        for column in stretched:
+    def __init__(self) -> None:
+        super().__init__("Default of each method", _HEADINGS, stretched=_STRETCHED[0], right=(0, 5))
+        self.explain({_HEADINGS.index("Share"): SHARE_TIP})
+        for column in _STRETCHED:
             self.horizontalHeader().setSectionResizeMode(column, QHeaderView.ResizeMode.Stretch)
         self.setWordWrap(True)
         self.horizontalHeader().sectionResized.connect(
@@ -57,12 +57,23 @@ class WrappedTable(DataTable):
     def _fit(self, *_: int) -> None:
         """Set the heights; Qt's own would wrap the other columns too, which are as wide as their texts."""
         for row in range(self.rowCount()):
-            self.setRowHeight(row, max(self._height(row, column) for column in self._stretched) + style.GAP)
+            self.setRowHeight(row, max(self._height(row, column) for column in _STRETCHED) + style.GAP)
 
     def _height(self, row: int, column: int) -> int:
         item, around = self.item(row, column), QRect(0, 0, self.columnWidth(column) - CELL_MARGIN, _HIGHEST)
         text = item.text() if item is not None else ""
         return self.fontMetrics().boundingRect(around, Qt.TextFlag.TextWordWrap, text or " ").height()
+
+    def show_defaults(self, defaults: list[Default]) -> None:
+        self.fill([self._row(d) for d in defaults], [d.explanation for d in defaults])
+
+    @staticmethod
+    def _row(d: Default) -> tuple[str, ...]:
+        first = (str(_NUMBERS[d.name]), METHOD_NAMES[d.name], d.setting.replace(" x ", " \u00d7 "))
+        if not d.measured:
+            return (*first, "", "failed" if d.unit else "", "")
+        share = f"{number(100 * d.share, 0)} %" if d.share >= 0.01 else "< 1 %"
+        return (*first, f"{duration_text(d.seconds, 2)} for {d.per}", quantity(d.error, d.unit), share)
 
 
 PRECISIONS = {
@@ -74,6 +85,7 @@ MEASURE = "Measure this computer"
 MEASURE_TIP = "Takes some minutes, in a helper process"
 SHARE_TIP = "Error in percent of the smallest noticeable error; settings up to 50 % are accepted"
 _HEADINGS = ("No.", "Method", "Default", "Time", "Error", "Share")
+_STRETCHED = (1, 2, 3, 4)
 _KEY = "● a method   ■ a whole job   lower: more exact   further left: faster"
 _NUMBERS = {name: number for number, name in enumerate(METHOD_NAMES, 1)}
 _LEAST_SHARE = 0.05
@@ -158,23 +170,6 @@ def placed_numbers(places: dict[str, tuple[float, float]]) -> list[list[tuple[fl
         placed[best].append((x, y, str(_NUMBERS[name])))
         taken.append(middles[best])
     return placed
-
-
-class DefaultsTable(WrappedTable):
-    def __init__(self) -> None:
-        super().__init__("Default of each method", _HEADINGS, stretched=(1, 2, 3, 4), right=(0, 5))
-        self.explain({_HEADINGS.index("Share"): SHARE_TIP})
-
-    def show_defaults(self, defaults: list[Default]) -> None:
-        self.fill([self._row(d) for d in defaults], [d.explanation for d in defaults])
-
-    @staticmethod
-    def _row(d: Default) -> tuple[str, ...]:
-        first = (str(_NUMBERS[d.name]), METHOD_NAMES[d.name], d.setting.replace(" x ", " \u00d7 "))
-        if not d.measured:
-            return (*first, "", "failed" if d.unit else "", "")
-        share = f"{number(100 * d.share, 0)} %" if d.share >= 0.01 else "< 1 %"
-        return (*first, f"{duration_text(d.seconds, 2)} for {d.per}", quantity(d.error, d.unit), share)
 
 
 class TradeoffPage(ReflowingPage):

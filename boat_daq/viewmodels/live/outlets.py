@@ -94,7 +94,9 @@ class OutletsModel:
             self.streams.use(convert, self._unit.calibration_id if convert is not None else "")
         if self.serving and self.node is None:
             self.serving = False
-            self._open_node()
+            self.node = open_node(
+                self._session, self.choice, self._recordings, conversion=self._in_force, plans=self._plans
+            )
             self.serving = True
 
     def view(self) -> OutletsView:
@@ -139,11 +141,6 @@ class OutletsModel:
         known = self._conversion = self._in_force()
         named = self._unit.calibration_id if known is not None else ""
         self.streams = open_streams(self._session, network=self.network, conversion=known, calibration_id=named)
-
-    def _open_node(self) -> None:
-        self.node = open_node(
-            self._session, self.choice, self._recordings, conversion=self._in_force, plans=self._plans
-        )
 
     def _close_streams(self) -> None:
         streams, self.streams = self.streams, None

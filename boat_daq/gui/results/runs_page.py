@@ -218,8 +218,7 @@ class RunsPage(QWidget):
         """Hide the heading on a narrow page, so that the buttons fit."""
         narrow = self.width() < style.STACKED_BELOW
         self.heading.setVisible(not narrow)
-        for card in self.cards:
-            card.setMinimumHeight(style.STACKED_HEIGHT if narrow and card.maximumHeight() == style.UNLIMITED else 0)
+        self._fit_below()
         self.list.setColumnWidth(0, style.THUMBNAIL[0] // (2 if narrow else 1))
         super().resizeEvent(event)
 
@@ -358,6 +357,9 @@ class RunsPage(QWidget):
         head = self.over_time.sizeHint().height() + 2 * style.CARD_PADDING
         empty = not self.model.unit_lines
         self.cards[0].setMaximumHeight(head if empty else style.UNLIMITED)
+        least = style.STACKED_HEIGHT if self.width() < style.STACKED_BELOW else 0
+        for card in self.cards:
+            card.setMinimumHeight(least if card.maximumHeight() == style.UNLIMITED else 0)
         self.below.setMaximumHeight(head if empty and self.below.currentIndex() == 0 else style.UNLIMITED)
 
     def _list(self) -> None:

@@ -2,7 +2,7 @@
 
 It falls in steps, where rays pass from one cavity's wall to the next: intervals are halved, their neighbours too, until
 the light in the middle is that between their ends, and once more. Light with a loss, as a share of that without, hardly
-jumps: it is traced at the first elongations and their middles, and interpolated between.
+jumps: it is traced at the first elongations, and interpolated between.
 
 The table of the default actuator, with its cavities in the outer face, comes with the program (`light.csv`); others are
 kept in the user's cache. Work that was stopped continues from what is kept.
@@ -140,7 +140,7 @@ def build_light(
     progress: Progress | None = None,
     part: Path | None = None,
 ) -> LightTable:
-    """Trace a table: first elongations and their refinement, losses at the first ones and their middles."""
+    """Trace a table: first elongations and their refinement, losses at the first ones."""
     kept = load_arrays(part, _PART) if part is not None else None
     known: dict[tuple[float, float], float] = {}  # by loss and elongation
     if kept is not None:
@@ -162,8 +162,7 @@ def build_light(
                 progress(len(known), len(known) + len(todo) - at - len(some) + more)
         return np.asarray([known[loss, mm] for mm in wanted])
 
-    x = np.linspace(*shapes.range_mm, FIRST)
-    coarse = np.sort(np.concatenate([x, 0.5 * (x[:-1] + x[1:])]))
+    x = coarse = np.linspace(*shapes.range_mm, FIRST)
     others, suspect = LOSSES_DB_PER_CM[1:], np.ones(FIRST - 1, dtype=bool)
     while True:
         light = light_at(x, more=len(x) + len(others) * len(coarse))

@@ -248,7 +248,7 @@ class HealthSnapshot:
     statistics: LinkStatistics
     rate_hz: float | None  # by the board's clock, lost samples left out, over the last 5 s of it
     asked_hz: float | None
-    silent_s: float  # since the last byte
+    silent_s: float  # since the last samples
     lag_ms: float  # age of the oldest thing not yet on disk
     drift_ppm: float | None  # positive: the board's clock is slow; None while unknown, or where time is not real
     jitter_ms: float | None  # rms about the fit

@@ -90,7 +90,8 @@ class ClockFit:
 class LinkHealth:
     """A sink that watches the link.
 
-    `real_time`: False for a virtual board at another speed: its clock is not compared with the host's.
+    `real_time`: False for a virtual board at another speed: its clock is not compared with the host's; `last_ns`: when
+    the last samples came on a link before that is sought again.
     """
 
     def __init__(
@@ -102,6 +103,7 @@ class LinkHealth:
         lag_ms: Callable[[], float] = lambda: 0.0,
         at_risk_ms: Callable[[], float] = lambda: 0.0,
         clock_ns: Callable[[], int] = time.monotonic_ns,
+        last_ns: int | None = None,
     ) -> None:
         self.statistics = statistics
         self.asked_hz = asked_hz
@@ -111,21 +113,21 @@ class LinkHealth:
         self._fit = ClockFit()
         self._window: deque[tuple[int, int]] = deque()  # (time_us of the newest, samples that came with it)
         self._in_window = 0
-        self._last_byte_ns = clock_ns()
+        self.last_ns = clock_ns() if last_ns is None else last_ns
 
     def __call__(self, block: Block) -> None:
         """Take the times of a block."""
         if block.sent or not block.raw:
             return
-        self._last_byte_ns = block.host_ns
         for event in block.events:
             if isinstance(event, Samples) and len(event.array):
+                self.last_ns = block.host_ns
                 self._add(int(event.array["time_us"][-1]), len(event.array), block.host_ns)
 
     def snapshot(self) -> HealthSnapshot:
         """Return the state now."""
         statistics, rate_hz = self.statistics(), self._rate_hz()
-        silent_s = max(0.0, (self._clock_ns() - self._last_byte_ns) * 1e-9)
+        silent_s = max(0.0, (self._clock_ns() - self.last_ns) * 1e-9)
         slope = self._fit.slope if self.real_time else None
         drift_ppm = None if slope is None else (slope - 1.0) * 1e6
         return HealthSnapshot(

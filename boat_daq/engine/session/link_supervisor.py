@@ -185,6 +185,7 @@ class LinkSupervisor:
                 asked_hz=control.stream.rate_hz,
                 lag_ms=lambda: self._journal.lag_ms,
                 at_risk_ms=lambda: self._journal.at_risk_ms,
+                last_ns=self.health.last_ns if self._seeking and self.health is not None else None,
             )
             reader.add_sink(health)
             reader.add_sink(self._take)
@@ -264,7 +265,7 @@ class LinkSupervisor:
             self.state, self._since_s = LinkState.LOST, self._clock_s()
             if self._refused not in (None, self._said):
                 self._said = self._refused
-                self._tell(MessageKind.LINK_FAILED, "warning", cause, remedy, command)
+                self._tell(MessageKind.LINK_FAILED, "error", cause, remedy, command)  # what it names stands
             return
         self.error, self.state = LinkError(cause, remedy, command), LinkState.FAILED
         self._tell(MessageKind.LINK_FAILED, "error", *self.error)

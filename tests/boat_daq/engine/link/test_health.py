@@ -106,6 +106,13 @@ def test_silence_losses_and_lag_are_reported():
     assert [w.text for w in snapshot.warnings] == ["no data for 3 s", "7 samples lost"]
 
 
+def test_another_board_on_the_port_makes_the_last_data_no_newer():
+    """It was 0:00 old for as long as the board was sought and another one answered."""
+    health = health_of(clock_ns=lambda: 15_000_000_000, last_ns=4_000_000_000)
+    health(Block(14_000_000_000, b"HELLO of another board"))
+    assert health.snapshot().silent_s == pytest.approx(11.0)
+
+
 def test_before_the_first_sample_nothing_is_claimed():
     """No rate, no drift, no warning out of nothing; bytes that were sent are no sign of life."""
     health = health_of(asked_hz=100)

@@ -409,6 +409,7 @@ class PlanForm(QScrollArea):
         if self.choice.findData(plan.name) < 0:
             self.choice.addItem(plan.name, plan.name)
         self.choice.setCurrentIndex(self.choice.findData(plan.name))
+        self.choice.setToolTip(controls.as_words(plan.name))  # a long one is cut in a narrow pane
         for key, field in self.fields.items():
             if key not in model.refused or not idle:
                 controls.set_text(field, model.value(key, plan))

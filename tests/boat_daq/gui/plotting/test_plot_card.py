@@ -53,7 +53,7 @@ def fill(window, page: str) -> None:
         model.runs.units_read = [(True, ("SA1", "2026-01-01", "39 / 29", "run.boat"))]
         model.runs.revision += 1
     elif page == "Optics":
-        model.optics.result, model.optics._sweeps["default"] = traced(), swept()
+        model.optics.result, model.optics.sweep = traced(), swept()
         model.optics.revision += 1
     elif page == "Shadow":
         pressure = np.linspace(-45.0, 55.0, 21)

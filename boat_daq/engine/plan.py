@@ -89,44 +89,28 @@ class StepMark:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What a run does.
-
-    Parameters
-    ----------
-    high_kpa, low_kpa : the two ends; a cycle starts at `high_kpa`.
-    step_kpa : distance of the staircase's plateaus; divides the span.
-    min_kpa, max_kpa : the plan's own limits; the pressure never goes 2 kPa beyond them.
-    tolerance_kpa : the pressure has arrived while it is this close to its target.
-    settling_s : it has settled once it stayed so close for this long.
-    window_s : shortest stretch of settled samples that may show a plateau to be steady.
-    min_dwell_s, max_dwell_s : shortest and longest hold, from the arrival.
-    pressure_drift_kpa_per_s, signal_drift_mv_per_s : a plateau is steady when no drift faster than this is credible.
-    arrival_timeout_s : time allowed beyond the ramp's own until the pressure has arrived.
-    reading_timeout_s : longest wait at a plateau for its reading, where readings are waited for.
-    quantity : quantity of a profile's values, "kPa" or "mm".
-    end_percent_fso : half width of the 95 % intervals of drift and repeatability that ends a continuous run; 0: none.
-    """
+    """What a run does."""
 
     name: str
     kind: str
     cycles: int
-    high_kpa: float = 50.0
+    high_kpa: float = 50.0  # a cycle starts at this end
     low_kpa: float = -40.0
-    step_kpa: float = 10.0
+    step_kpa: float = 10.0  # distance of the staircase's plateaus; divides the span
     ramp_kpa_per_s: float = 10.0
-    min_kpa: float = -40.0
+    min_kpa: float = -40.0  # the plan's own limits; the pressure never goes 2 kPa beyond them
     max_kpa: float = 50.0
-    tolerance_kpa: float = 1.0
-    settling_s: float = 1.0
-    window_s: float = 2.0
-    min_dwell_s: float = 3.0
+    tolerance_kpa: float = 1.0  # the pressure has arrived while it is this close to its target
+    settling_s: float = 1.0  # it has settled once it stayed so close for this long
+    window_s: float = 2.0  # shortest stretch of settled samples that may show a plateau to be steady
+    min_dwell_s: float = 3.0  # shortest and longest hold, from the arrival
     max_dwell_s: float = 20.0
-    pressure_drift_kpa_per_s: float = 0.2
+    pressure_drift_kpa_per_s: float = 0.2  # a plateau is steady when no drift faster than this is credible
     signal_drift_mv_per_s: float = 1.0
-    arrival_timeout_s: float = 10.0
-    reading_timeout_s: float = 600.0
-    quantity: str = "kPa"
-    end_percent_fso: float = 0.0
+    arrival_timeout_s: float = 10.0  # allowed beyond the ramp's own time until the pressure has arrived
+    reading_timeout_s: float = 600.0  # longest wait at a plateau for its reading, where readings are waited for
+    quantity: str = "kPa"  # of a profile's values: "kPa" or "mm"
+    end_percent_fso: float = 0.0  # half width of drift's and repeatability's intervals that ends the run; 0: none
     segments: tuple[Segment, ...] = ()
     loops: tuple[Loop, ...] = ()
 

@@ -207,16 +207,8 @@ class RingBuffer:
     With a camera there are also camera_mm and camera_u_mm, interpolated between its frames. `time_s` is board time, 0
     at the first sample, continued by host time where the board's clock restarts or jumps. Implausible values are NaN.
 
-    Parameters
-    ----------
-    mv_per_count : vref_mv / 2**adc_bits; unused where the samples carry signals in mV.
-    others : extra channels of the samples; each is kept under its `column`, in its own unit.
-
-    Attributes
-    ----------
-    target_kpa : the present target pressure, NaN for none; stored with the samples that are appended.
-    newest_s : time of the newest sample; NaN without one.
-    step_s : mean interval of the samples of a block; infinite before there was one of several.
+    `mv_per_count`: vref_mv / 2**adc_bits; unused where the samples carry signals in mV. `others`: extra channels of the
+    samples; each is kept under its `column`, in its own unit.
     """
 
     def __init__(
@@ -228,8 +220,8 @@ class RingBuffer:
         capacity: int = DEFAULT_CAPACITY,
     ) -> None:
         self.others = others
-        self.target_kpa = math.nan
-        self.newest_s, self.step_s = math.nan, math.inf
+        self.target_kpa = math.nan  # stored with the samples that are appended
+        self.newest_s, self.step_s = math.nan, math.inf  # time of the newest sample; mean interval in a block
         self._signals = slice(3, 3 + n_sensors)
         sensors = (f"s{n}_mv" for n in range(1, n_sensors + 1))
         self.names = (

@@ -96,6 +96,8 @@ def _fill(
         _commit(file, ((_insertion(table, file.columns(table)), row) for table, row in found))
         if end_known is None:
             end_known = _reaches_end(db, kept, pages)
+        elif end_known:
+            end_known = _is_end_kept(db, kept)
         statements, holes, blocks = derive_missing(kept, meta, end_known=end_known)
         file.commit(statements)
         rows = [(table, *gap) for table in tables if table != "block" for gap in _gaps(_ids(kept, table))]
@@ -132,6 +134,15 @@ def _reaches_end(db: sqlite3.Connection, kept: sqlite3.Connection, pages: _Pages
         (in_overview,) = db.execute("SELECT max(last_block) FROM overview").fetchone()
         return bool(schema.read_session(db)["status"] != "recording" and in_overview == last[1] and not pages.has_log)
     return False
+
+
+def _is_end_kept(db: sqlite3.Connection, kept: sqlite3.Connection) -> bool:
+    """Return whether the last block of a readable recording is kept, or the raw bytes that its end is derived from."""
+    with suppress(*DAMAGE):
+        last = db.execute("SELECT id, last_chunk FROM block ORDER BY id DESC LIMIT 1").fetchone()
+        sql = "SELECT EXISTS (SELECT 1 FROM block WHERE id = ?) OR EXISTS (SELECT 1 FROM chunk WHERE id = ?)"
+        return last is None or bool(kept.execute(sql, last).fetchone()[0])
+    return True
 
 
 def _write_pages(path: Path, log: WriteAheadLog, copy: Path) -> None:

@@ -383,6 +383,34 @@ def test_derived_samples_are_neither_doubled_nor_of_another_segment(
     assert verify_recording(recovery.path).identical
 
 
+@pytest.mark.fault(59, how="the first chunk, the last, a middle one and all blocks of a recording damaged", times=5)
+@pytest.mark.parametrize(
+    ("chunks", "blocks", "holes"),
+    [
+        ("3", "none", []),  # where a segment begins: its samples are kept
+        ("1", "1", [(1, None, 34, None)]),
+        ("3", "3", [(2, 66, 100, None)]),
+        ("5", "5", [(2, 132, None, None)]),
+        ("none", "1, 2, 3, 4, 5", []),
+    ],
+)
+def test_holes_are_named_by_the_samples_beside_them(
+    clock_back: Path, tmp_path: Path, chunks: str, blocks: str, holes: list[tuple[int | None, ...]]
+) -> None:
+    """Segment, index before and behind, and how many; each with the board's time of its sample."""
+    path = left(tmp_path, clock_back.read_bytes(), b"")
+    with closing(sqlite3.connect(path)) as db, db:
+        whole = np.frombuffer(stored_samples(path), session_dtype(read_session(db)))
+        db.execute(f"UPDATE chunk SET crc32 = crc32 + 1 WHERE id IN ({chunks})".replace("none", ""))
+        db.execute(f"UPDATE block SET crc32 = crc32 + 1 WHERE last_chunk IN ({blocks})".replace("none", ""))
+    found = recover(path).missing.samples
+    assert [(hole.segment, hole.after_index, hole.before_index, hole.samples) for hole in found] == holes
+    time_s = dict(zip(whole["index"].tolist(), (whole["time_us"] / 1e6).tolist(), strict=True))
+    assert [(hole.after_s, hole.before_s) for hole in found] == [
+        (time_s.get(after), time_s.get(before)) for _, after, before, _ in holes
+    ]
+
+
 def test_log_that_begins_again_or_was_not_written_yet_is_no_damage(tmp_path: Path) -> None:
     """Killed before the first sample, at a restart of the log, and without power, which leaves an older -shm."""
     folder, source = tmp_path / "run", Source()

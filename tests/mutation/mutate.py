@@ -89,11 +89,14 @@ MODULES: dict[str, tuple[str, ...]] = {  # the tests that reach most of a module
         ),
         (f"{_RECORDING}/test_recovery_damage.py",),
     ),
-    "boat_daq/engine/control/controller.py": (f"{_CONTROL}/test_controller.py",),
-    "boat_daq/engine/control/board_commands.py": tuple(
-        f"{_CONTROL}/test_{name}.py" for name in ("board_commands_latest", "controller")
+    **dict.fromkeys(
+        (f"boat_daq/engine/control/{name}.py" for name in ("controller", "board_commands", "watchdog")),
+        (
+            *(f"{_CONTROL}/test_{name}.py" for name in ("board_commands_latest", "controller", "elongation")),
+            *(f"{_CONTROL}/test_{name}.py" for name in ("controller_random_orders", "watchdog")),
+            f"{_SESSION}/test_guarded_controller.py",
+        ),
     ),
-    "boat_daq/engine/control/watchdog.py": tuple(f"{_CONTROL}/test_{name}.py" for name in ("watchdog", "controller")),
     "boat_daq/engine/control/elongation.py": (f"{_CONTROL}/test_elongation.py",),
     "boat_daq/engine/control/plateau_dwell.py": (f"{_CONTROL}/test_plateau_dwell_drift.py",),
     "boat_daq/engine/recording/file.py": tuple(

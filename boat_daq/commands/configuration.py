@@ -78,7 +78,7 @@ def unit_list(as_json: JsonOption = False) -> None:
 
 @unit.command("show")
 def unit_show(name: NameArgument, as_json: JsonOption = False) -> None:
-    """Show a unit: values, calibrations, metadata.
+    """Show a unit: values, calibrations, metadata, changes.
 
     Example: boat-daq unit show SA1
     """
@@ -154,6 +154,7 @@ def _show_unit(library: UnitLibrary, name: str, *, as_json: bool) -> None:
         "metadata": dict(shown.metadata),
         "type_b": dict(shown.type_b),
         "history": entries,
+        "changes": [dataclasses.asdict(change) for change in shown.changes],
     }
     tables = (("metadata", shown.metadata), ("type B", shown.type_b))
     more = [f"{label}: {', '.join(table)}" for label, table in tables if table]

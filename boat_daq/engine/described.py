@@ -1,7 +1,7 @@
 """Descriptions of stored values: forms, commands, documents and the check of a file are made from them.
 
 A field of a dataclass is described where it is declared (`stated`): label, meaning, unit, range, and when a new value
-takes effect. What is typed becomes a value here.
+takes effect. What is typed becomes a value here, and what changed when is kept beside the values in their file.
 """
 
 from __future__ import annotations
@@ -10,14 +10,19 @@ import dataclasses
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from enum import StrEnum
+from itertools import accumulate
 from typing import Any, TypeVar
 
-from boat_daq.engine.toml_values import BadValue
+from boat_daq.engine.toml_values import BadValue, build
 from protocol.base.errors import one_of
 
 D = TypeVar("D")  # a dataclass
 
+CHANGES = "changes"  # key of their list in a file
+MOST_CHANGES = 500  # in one file: the newest, and no more letters than
+MOST_LETTERS = 100_000
 LONGEST = 20_000  # letters of a text
 _KEY = "described"
 _BOOLS = {"on": True, "true": True, "yes": True, "1": True, "off": False, "false": False, "no": False, "0": False}
@@ -129,9 +134,11 @@ def with_defaults(values: D, keys: Iterable[str], where: str) -> D:
 
 
 def text_of(value: object) -> str:
-    """Return a value as text that `Described.value_of` reads."""
+    """Return a value as text that `Described.value_of` reads; a table as its keys and values."""
     if isinstance(value, bool):
         return "on" if value else "off"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key} = {text_of(inner)}" for key, inner in value.items())
     return f"{value:.12g}" if isinstance(value, float) else str(value)
 
 
@@ -142,3 +149,33 @@ def texts_of(values: object) -> dict[str, str]:
 
 def _number(value: float) -> str:
     return f"{value:.0f}" if value == round(value) else f"{value:g}"
+
+
+@dataclass(frozen=True, slots=True)
+class StoredChange:
+    """A value that was changed: when, its key, and its texts before and after."""
+
+    utc: str
+    key: str
+    before: str
+    after: str
+
+
+def take_changes(table: dict[str, Any], where: str) -> tuple[StoredChange, ...]:
+    """Take the changes out of a file's table, oldest first. BadValue: they are no list of changes."""
+    rows = table.pop(CHANGES, [])
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise BadValue(where, CHANGES, "must be a list of tables")
+    return tuple(build(StoredChange, row, f"{where}, {CHANGES}") for row in rows)
+
+
+def with_changes(
+    stored: tuple[StoredChange, ...], before: Mapping[str, str], after: Mapping[str, str]
+) -> list[dict[str, str]]:
+    """Return the changes to store in a file: those it has, and what differs now."""
+    utc = datetime.now(UTC).isoformat(timespec="milliseconds")  # also the name of one step, for undo
+    pairs = ((key, before.get(key, ""), after.get(key, "")) for key in dict.fromkeys((*before, *after)))
+    new = [StoredChange(utc, key, old, text) for key, old, text in pairs if old != text]
+    rows = [dataclasses.asdict(change) for change in (*stored, *new)][-MOST_CHANGES:]
+    letters = accumulate(sum(map(len, row.values())) for row in reversed(rows))
+    return rows[len(rows) - sum(total <= MOST_LETTERS for total in letters) :]

@@ -3,7 +3,7 @@
 Rules. A file is replaced whole (`stored_file`). An edited file with an error is refused by key (`toml_values`), and no
 default silently replaces a limit. Files carry a version; a newer one than this program's is refused, so that an older
 program never cuts it down. The folders are the system's own (platformdirs), or the one in the environment variable
-BOAT_DAQ_HOME.
+BOAT_DAQ_HOME. What changed when is kept in each file, with the values.
 
 A unit keeps its limits and every calibration that was ever stored with it. Calibrations are added, never changed: the
 last accepted one is in force; a withdrawal is a newer entry that is not accepted.
@@ -21,7 +21,7 @@ import dataclasses
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -30,7 +30,17 @@ from typing import Any
 import platformdirs
 import tomli_w
 
-from boat_daq.engine.described import Applies, check_ranges, stated
+from boat_daq.engine.described import (
+    CHANGES,
+    Applies,
+    StoredChange,
+    check_ranges,
+    stated,
+    take_changes,
+    text_of,
+    texts_of,
+    with_changes,
+)
 from boat_daq.engine.file_names import is_device_name, path_in
 from boat_daq.engine.stored_file import BACKUP, read_stored, read_whole, write_stored
 from boat_daq.engine.toml_values import BadValue, build, parse_toml, read_text
@@ -118,7 +128,7 @@ class Unit:
 
     `type_b` are tables of contributions to the uncertainty of an elongation, as `analysis.calibration.type_b` reads
     them. `lens` is that of its camera (`analysis.tracking.lens`). `metadata` are those that its next recording states,
-    too (`protocol.recording.Metadata`).
+    too (`protocol.recording.Metadata`). `changes` are those of its limits and other values, oldest first.
     """
 
     name: str
@@ -156,6 +166,7 @@ class Unit:
     metadata: Mapping[str, Any] = field(default_factory=dict)
     lens: Mapping[str, Any] = field(default_factory=dict)
     history: tuple[StoredCalibration, ...] = field(default=())
+    changes: tuple[StoredChange, ...] = field(default=())
 
     def __post_init__(self) -> None:
         where = f"unit {self.name!r:.60}"
@@ -190,37 +201,38 @@ def recordings_folder(settings: Settings) -> Path:
 
 
 def load_settings(folder: Path | None = None) -> Settings:
-    """Return the stored settings, or the defaults. RequestError: the file is refused, by key."""
+    """Return the stored settings, the defaults where nothing was stored yet."""
+    return stored_settings(folder)[0]
+
+
+def stored_settings(folder: Path | None = None) -> tuple[Settings, tuple[StoredChange, ...]]:
+    """Return the stored settings and what changed when, oldest first. RequestError: the file is refused, by key."""
     path = settings_path(folder)
-    return read_whole(path, lambda text: read_settings(text, str(path))) or Settings()
+    return read_whole(path, lambda text: read_settings(text, str(path))) or (Settings(), ())
 
 
-def read_settings(text: str, where: str) -> Settings:
-    """Return the settings in a file's text. RequestError: the text is refused, by key."""
-    return build(Settings, _table(text, where), where)
+def read_settings(text: str, where: str) -> tuple[Settings, tuple[StoredChange, ...]]:
+    """Return the settings in a file's text, and their changes. RequestError: the text is refused, by key."""
+    table = parse_toml(text, where)
+    changes = take_changes(table, where)
+    return build(Settings, table, where), changes
 
 
 def save_settings(settings: Settings, folder: Path | None = None) -> None:
-    """Store the settings; a file that is refused is kept beside."""
+    """Store the settings, and what has changed; a file that is refused is kept beside."""
     path = settings_path(folder)
     try:
-        load_settings(folder)
+        before, changes = stored_settings(folder)
     except RequestError:
+        before, changes = Settings(), ()
         if path.exists():
             _keep_refused(path)
-    write_stored(path, settings_text(settings))
+    write_stored(path, settings_text(settings, with_changes(changes, texts_of(before), texts_of(settings))))
 
 
-def settings_text(settings: Settings) -> str:
-    """Return the text of a file with these settings."""
-    return tomli_w.dumps(dataclasses.asdict(settings))
-
-
-def _table(text: str, where: str) -> dict[str, Any]:
-    """Return the table of a file, without the list of changes that earlier programs kept in it."""
-    table = parse_toml(text, where)
-    table.pop("changes", None)
-    return table
+def settings_text(settings: Settings, changes: Sequence[Mapping[str, str]] = ()) -> str:
+    """Return the text of a file with these settings and changes."""
+    return tomli_w.dumps(dataclasses.asdict(settings) | {CHANGES: changes})
 
 
 def _keep_refused(path: Path) -> None:
@@ -267,7 +279,7 @@ class UnitLibrary:
         history = _of_kind(unit.history, simulated=self.simulated, first=False)
         own = self._read(self.folder, name) if self.simulated else None
         if self.simulated:
-            unit = dataclasses.replace(unit, metadata=own.metadata if own is not None else {})
+            unit = dataclasses.replace(unit, metadata=own.metadata if own is not None else {}, changes=())
         if own is not None:  # limits and wiring are those of the real unit, the rest is its own
             history += _of_kind(own.history, simulated=True, first=True)
             unit = dataclasses.replace(unit, type_b=own.type_b)
@@ -316,6 +328,9 @@ class UnitLibrary:
         own, new = self._read(self.folder, unit.name), unit.history[len(stored.history) :]
         kept = own.history if own is not None else ()
         table = dataclasses.asdict(dataclasses.replace(unit, history=(*kept, *new)))
+        imported = bool(unit.changes) and not stored.changes
+        changes, before = (unit.changes, unit) if imported else (stored.changes, stored)
+        table[CHANGES] = with_changes(changes, _stated_texts(before), _stated_texts(unit))
         table["history"] = [{**entry, "content": json.dumps(dict(entry["content"]))} for entry in table["history"]]
         write_stored(path_in(self.folder, f"{unit.name}.toml"), tomli_w.dumps(table))
 
@@ -334,6 +349,13 @@ class UnitLibrary:
         return unit
 
 
+def _stated_texts(unit: Unit) -> dict[str, str]:
+    """Return the texts of what is stated of a unit, by key; its calibrations have dates of their own."""
+    tables = {"metadata": unit.metadata, "type_b": unit.type_b}
+    stated = {f"{table}.{key}": text_of(value) for table, values in tables.items() for key, value in values.items()}
+    return texts_of(unit) | stated
+
+
 def read_unit(path: Path) -> Unit:
     """Return the unit of an exported file. RequestError: the file is refused, by key."""
     return parse_unit(read_text(path), path)
@@ -341,7 +363,7 @@ def read_unit(path: Path) -> Unit:
 
 def parse_unit(text: str, path: Path) -> Unit:
     """Return the unit of a file's text, with every entry of it. RequestError: the text is refused, by key."""
-    table = _table(text, str(path))
+    table = parse_toml(text, str(path))
     entries = table.pop("history", [])
     if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
         raise BadValue(str(path), "history", "must be a list of tables")
@@ -352,11 +374,12 @@ def parse_unit(text: str, path: Path) -> Unit:
     for key, value in (("metadata", metadata), ("lens", lens)):
         if not isinstance(value, dict):
             raise BadValue(str(path), key, "must be a table")
+    changes = take_changes(table, str(path))
     for key in _UNIT_KEYS:  # no default replaces a limit
         if key not in table:
             raise BadValue(str(path), key, "is missing")
     history = tuple(_entry(entry, str(path)) for entry in entries)
-    return build(Unit, table, str(path), history=history, type_b=type_b, metadata=metadata, lens=lens)
+    return build(Unit, table, str(path), history=history, type_b=type_b, metadata=metadata, lens=lens, changes=changes)
 
 
 def _of_kind(history: tuple[StoredCalibration, ...], *, simulated: bool, first: bool) -> tuple[StoredCalibration, ...]:

@@ -1,4 +1,4 @@
-"""The Settings page: the values of the program and of each unit with range, default and meaning."""
+"""The Settings page: the values of the program and of each unit with range, default and meaning; what changed when."""
 
 from __future__ import annotations
 
@@ -9,22 +9,26 @@ from pathlib import Path
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QComboBox, QGridLayout, QLabel, QLineEdit, QListWidget, QListWidgetItem, QWidget
 
-from boat_daq.engine.described import Described, described
+from boat_daq.engine.described import Described, StoredChange, described
 from boat_daq.engine.settings import Settings, Unit
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.results.metadata_form import MetadataForm
 from boat_daq.gui.widgets import controls
+from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.gui.widgets.layouts import Leaves, ReflowingPage
 from boat_daq.viewmodels.common.notices import sentence
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.unit_in_use import UnitInUse
-from boat_daq.viewmodels.settings_model import PROGRAM, SettingsModel, note, refusal
+from boat_daq.viewmodels.settings_model import CALIBRATION_CHANGED, PROGRAM, SettingsModel, StoredValues, note, refusal
 from protocol.base.errors import RequestError
 
 _EXPLANATION = "Stored when you leave a field. Point at a value for its meaning and range."
 _LIMITS = "Plans outside these limits are refused."
+NO_CHANGE = "None yet"
+_EMPTY = "empty"
+_TABLES = {"type_b": "Type B", "metadata": "Metadata"}
 _NO_LIMIT = 16_777_215  # of Qt
 ON_OFF = [("off", "off"), ("on", "on")]
 SUBJECT_ROLE = Qt.ItemDataRole.UserRole
@@ -137,6 +141,8 @@ class SettingsPage(ReflowingPage):
         self.explanation = controls.label("", "muted", wrap=True)
         self.metadata = controls.button("Metadata \u2026", self._metadata, tip="Written into its next recordings")
         self.path = controls.label("", "small", wrap=True)
+        self.changes = DataTable("What changed when", ("When (UTC)", "Value", "Change"), stretched=2)
+        self.changes.setMinimumHeight(style.QUESTION_LEAST)
         self._lay_out()
 
     def _lay_out(self) -> None:
@@ -151,9 +157,10 @@ class SettingsPage(ReflowingPage):
         self.values, _ = controls.card(
             self.title, self.explanation, self.broken, self.leaves, self.calibrations, None, foot, self.path
         )
-        body = controls.row((self.side, 1), (self.values, 3), None, spacing=style.GAP)
+        history, _ = controls.card(controls.label("What changed when", "subtitle"), (self.changes, 1))
+        body = controls.row((self.side, 1), (self.values, 3), (history, 2), spacing=style.GAP)
         controls.page_layout(self).addLayout(body, 1)
-        self.rows = (body,)
+        self.rows, self.tall = (body,), (history,)
         self.reflow()
 
     def reflow(self) -> None:
@@ -201,17 +208,30 @@ class SettingsPage(ReflowingPage):
             part.setVisible(is_unit)
         self.broken.hide()
         try:
-            texts, calibrations = self.model.shown(self.subject)
+            shown = self.model.shown(self.subject)
         except RequestError as error:
-            texts, calibrations = {}, ""
+            shown = StoredValues({}, ())
             self.broken.setText(f"\u25a0 {error.cause}. {error.remedy}")
             self.broken.show()
         self.leaves.setCurrentWidget(self.forms[is_unit])
-        self.calibrations.setText(calibrations)
-        self.leaves.setVisible(bool(texts))
-        self.forms[is_unit].show_texts(texts, self.subject)
+        self.calibrations.setText(shown.calibrations)
+        self.leaves.setVisible(bool(shown.texts))
+        self.forms[is_unit].show_texts(shown.texts, self.subject)
         for button in (self.metadata, self.reset):
-            button.setEnabled(bool(texts))
+            button.setEnabled(bool(shown.texts))
+        rows = self.forms[is_unit].rows
+        cells = [self._change_cells(change, rows) for change in shown.changes]
+        tips = [f"{change.utc}: {' '.join(row[1:])}" for change, row in zip(shown.changes, cells, strict=True)]
+        self.changes.fill(cells or [(NO_CHANGE, "", "")], tips or [""])
+
+    @staticmethod
+    def _change_cells(change: StoredChange, rows: Mapping[str, ValueRow]) -> tuple[str, str, str]:
+        when = change.utc[5:16].replace("T", " ")
+        if change.key == CALIBRATION_CHANGED:
+            return when, CALIBRATION_CHANGED, change.after
+        table, _, key = change.key.partition(".")
+        label = rows[table].about.label if table in rows else f"{_TABLES.get(table, table)}: {key}".rstrip(": ")
+        return when, label, f"{change.before or _EMPTY} \u2192 {change.after or _EMPTY}"
 
     def _store(self, key: str, text: str) -> None:
         self._attempt(lambda: self.model.enter(self.subject, {key: text}))

@@ -1,4 +1,4 @@
-"""The Settings page without Qt: what is stored of the program and of each unit.
+"""The Settings page without Qt: what is stored of the program and of each unit, and what changed when.
 
 Rules: rows, ranges and meanings come from the descriptions of the stored fields. A value is stored as it is entered and
 is one step of the window's history. A settings file that is refused leaves the defaults in use (safe mode) until other
@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from typing import Any
 from boat_daq.engine.described import (
     Applies,
     Described,
+    StoredChange,
     described,
     text_of,
     texts_of,
@@ -34,6 +36,7 @@ from boat_daq.engine.settings import (
     save_settings,
     settings_path,
     settings_text,
+    stored_settings,
 )
 from boat_daq.engine.toml_values import read_text
 from boat_daq.formatting import count
@@ -44,6 +47,16 @@ from protocol.base.units import MINUS
 from protocol.base.whole_file import write_whole
 
 PROGRAM = ""  # in place of the name of a unit
+CALIBRATION_CHANGED = "Calibration"  # in place of a key, for what changed
+
+
+@dataclass(frozen=True, slots=True)
+class StoredValues:
+    """What the page shows: texts by key, what changed when, newest first, and a unit's calibrations."""
+
+    texts: Mapping[str, str]
+    changes: tuple[StoredChange, ...]
+    calibrations: str = ""
 
 
 class SettingsModel:
@@ -64,14 +77,22 @@ class SettingsModel:
             return self._units.load(subject)
         return Settings() if self.refused is not None else load_settings(self._folder)
 
-    def shown(self, subject: str) -> tuple[dict[str, str], str]:
-        """Return the texts of a subject's values by key, and a text about its calibrations."""
-        found = self.stored(subject)
-        if not isinstance(found, Unit):
-            return texts_of(found), ""
+    def shown(self, subject: str) -> StoredValues:
+        """Return what the page shows of a subject; its file is read once."""
+        if subject == PROGRAM:
+            settings, changes = (Settings(), ()) if self.refused is not None else stored_settings(self._folder)
+            return StoredValues(texts_of(settings), changes[::-1])
+        unit = self._units.load(subject)
+        calibrations = (
+            StoredChange(
+                entry.utc, CALIBRATION_CHANGED, "", entry.recording or "accepted" if entry.accepted else "withdrawn"
+            )
+            for entry in unit.history
+        )
+        changes = tuple(sorted((*unit.changes, *calibrations), key=lambda change: change.utc))[::-1]
         simulated = self._units.of(simulated=True).load(subject)
-        lines = (f"Real unit: {_calibrations(found)}", f"Simulated unit: {_calibrations(simulated)}")
-        return texts_of(found), "\n".join(lines)
+        lines = (f"Real unit: {_calibrations(unit)}", f"Simulated unit: {_calibrations(simulated)}")
+        return StoredValues(texts_of(unit), changes, "\n".join(lines))
 
     def stamp(self, subject: str) -> int:
         """Return a number that changes with the file of a subject; 0 without a file."""
@@ -122,7 +143,7 @@ class SettingsModel:
                 self._session.unit_under_test.store(found)
             self._grown()
             return found.name
-        self._change(PROGRAM, self.stored(PROGRAM), read_settings(text, path.name))
+        self._change(PROGRAM, self.stored(PROGRAM), read_settings(text, path.name)[0])
         return PROGRAM
 
     def _change(self, subject: str, before: Any, after: Any) -> None:

@@ -1,4 +1,4 @@
-"""`boat-daq config` and `unit`: values by key, with their descriptions."""
+"""`boat-daq config` and `unit`: values by key, with their descriptions, and what changed when."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from boat_daq.engine.settings import Settings, UnitLibrary, load_settings, read_unit, save_settings
+from boat_daq.engine.settings import Settings, UnitLibrary, load_settings, read_unit, save_settings, stored_settings
 from protocol.base.errors import RequestError
 from tests.boat_daq.commands.calls import call, program
 
@@ -18,7 +18,7 @@ def home(tmp_path, monkeypatch):
 
 
 def test_settings_are_set_and_shown():
-    """Each with its range, unit, default and meaning."""
+    """Each with its range, unit, default and meaning; the changes are kept in order."""
     shown = call("config", "get", "--json")["settings"]
     assert shown["baud"] == {
         "value": 115_200,
@@ -32,6 +32,10 @@ def test_settings_are_set_and_shown():
         "resolution_mm"
     ]["value"] == pytest.approx(0.25)
     assert (load_settings().rate_hz, load_settings().allow_remote) == (1000, True)
+    call("config", "set", "rate_hz=100", "--json")
+    changes = stored_settings()[1]
+    assert (changes[-1].key, changes[-1].before, changes[-1].after) == ("rate_hz", "1000", "100")
+    assert len(changes) == 4
 
 
 @pytest.mark.parametrize(
@@ -57,13 +61,14 @@ def test_a_bad_value_is_refused_by_key(words, cause, remedy):
 
 
 def test_a_unit_is_added_changed_and_carried_to_another_computer(tmp_path: Path, monkeypatch):
-    """With its calibrations; a unit that is there already, and a file without its calibrations, are refused."""
+    """With its changes; a unit that is there already, and a file without its calibrations, are refused."""
     call("unit", "new", "SA7", "min_kpa=-25", "note=thin wall", "--json")
     assert program("unit", "new", "SA7").code == 1
     UnitLibrary().add_calibration("SA7", {"b0": 1.5, "simulated": False})
     call("unit", "set", "SA7", "max_kpa=10", "--json")
     shown = call("unit", "set", "SA7", "max_kpa=20", "--json")
     assert (shown["min_kpa"], shown["max_kpa"], shown["calibrations"]) == (-25.0, 20.0, 1)
+    assert [change["key"] for change in shown["changes"]] == ["min_kpa", "note", *["max_kpa"] * 2]
     file = tmp_path / "SA7.toml"
     file.write_text(UnitLibrary().text("SA7"))
     monkeypatch.setenv("BOAT_DAQ_HOME", str(tmp_path / "other"))

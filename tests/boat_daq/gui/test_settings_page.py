@@ -41,6 +41,8 @@ def test_limit_of_a_unit_is_entered_and_undone(page, empty):
     enter(page, "min_kpa", "-25")
     assert row.refused.text() == ""
     assert empty.model.units.load("SA1").min_kpa == -25.0
+    empty.refresh()
+    assert [page.changes.item(0, k).text() for k in (1, 2)] == ["Lowest pressure", "-40 \u2192 -25"]
     empty.model.undo.undo()
     empty.refresh()
     assert row.field.text() == "-40"
@@ -72,7 +74,7 @@ def test_units_are_added_and_a_refused_one_shows_why(page, empty):
     assert page.broken.isHidden()
     page.forms[False].rows["allow_remote"].field.setCurrentIndex(1)
     page.forms[False].rows["allow_remote"].field.activated.emit(1)
-    assert empty.model.settings.shown("")[0]["allow_remote"] == "on"
+    assert empty.model.settings.shown("").texts["allow_remote"] == "on"
     assert file.read_text() == "name = 3\n"
 
 

@@ -29,16 +29,17 @@ def model(tmp_path: Path) -> Iterator[SettingsModel]:
 
 
 def test_values_are_stored_used_and_undone(model, tmp_path):
-    """The session uses a setting from then on; undo stores the old one."""
+    """The session uses a setting from then on; undo stores the old one; the changes are listed, newest first."""
     model.enter(PROGRAM, {"rate_hz": "1000"})
     model.enter(PROGRAM, {"rate_hz": "1000"})  # as stored: no second step
     assert load_settings(tmp_path).rate_hz == model._session.settings.rate_hz == 1000
     model.reset(PROGRAM)
-    assert model.shown(PROGRAM)[0]["rate_hz"] == "100"
+    assert model.shown(PROGRAM).texts["rate_hz"] == "100"
     model._undo.undo()
     assert load_settings(tmp_path).rate_hz == model._session.settings.rate_hz == 1000
     model._undo.undo()
     assert load_settings(tmp_path) == Settings()
+    assert [(c.before, c.after) for c in model.shown(PROGRAM).changes][:2] == [("1000", "100"), ("100", "1000")]
     assert not model._undo.done
     with pytest.raises(RequestError, match="'baud' must be 300"):
         model.enter(PROGRAM, {"baud": "1"})
@@ -62,7 +63,7 @@ def test_plan_below_a_limit_entered_while_connected_is_refused(model):
         reached(session, lambda s: s.state is SessionState.RUNNING, 5.0)
         with pytest.raises(RequestError, match="a run is in progress"):
             model.enter("SA1", {"min_kpa": "-25"})
-        assert model.shown("SA1")[0]["min_kpa"] == "-40"
+        assert model.shown("SA1").texts["min_kpa"] == "-40"
         session.close()
 
 
@@ -75,7 +76,7 @@ def test_refused_settings_are_kept_until_others_are_stored(model, tmp_path):
     with pytest.raises(RequestError) as refused:
         load_settings(tmp_path)
     model.refused = refused.value
-    assert model.shown(PROGRAM)[0]["rate_hz"] == "100"
+    assert model.shown(PROGRAM).texts["rate_hz"] == "100" and model.shown(PROGRAM).changes == ()
     assert path.read_text() == "rate_hz = 'fast'\n"
     model.enter(PROGRAM, {"operator": "Ada"})
     assert model.refused is None
@@ -94,9 +95,9 @@ def test_a_unit_and_settings_are_exported_and_imported(model, tmp_path):
     model.export(PROGRAM, tmp_path / "settings-of-the-rig.toml")
     model.enter("SA7", {"min_kpa": "-10"})
     assert model.import_(tmp_path / "SA7.toml") == "SA7"
-    assert model.shown("SA7")[0]["min_kpa"] == "-25"
+    assert model.shown("SA7").texts["min_kpa"] == "-25"
     model._undo.undo()
-    assert model.shown("SA7")[0]["min_kpa"] == "-10"
+    assert model.shown("SA7").texts["min_kpa"] == "-10"
     model.enter(PROGRAM, {"operator": "Ada"})
     assert model.import_(tmp_path / "settings-of-the-rig.toml") == PROGRAM
     assert load_settings(tmp_path).operator == ""
@@ -105,17 +106,18 @@ def test_a_unit_and_settings_are_exported_and_imported(model, tmp_path):
         model.import_(tmp_path / "bad.toml")
     assert model.subjects("SA1") == [("This program", PROGRAM), ("Unit SA1", "SA1"), ("Unit SA7", "SA7")]
     model._units.add_calibration("SA9", {"b0": 1.5, "simulated": False}, recording="run.boat")
-    assert model.shown("SA9")[1].startswith("Real unit: 1 calibration, in force since")
+    assert [(c.key, c.after) for c in model.shown("SA9").changes] == [("Calibration", "run.boat")]
     assert "Unit SA9" in dict(model.subjects(""))
     model.metadata("SA9").state({"customer": "A & Co"})
-    assert model.stored("SA9").metadata["customer"] == "A & Co"
+    changed = {change.key: change.after for change in model.shown("SA9").changes}
+    assert changed["metadata.customer"] == "A & Co"
 
 
 def test_calibrations_of_both_libraries_are_named(model):
     """The header said "calibrated" of the simulated unit, the page "0 calibrations" of the real one."""
     simulated = model._units.of(simulated=True)
     simulated.save(Unit("SA1", history=(StoredCalibration("2026-11-26T10:00:00+00:00", True, {}),)))
-    assert model.shown("SA1")[1].splitlines() == [
+    assert model.shown("SA1").calibrations.splitlines() == [
         "Real unit: 0 calibrations, none in force",
         "Simulated unit: 1 calibration, in force since 2026-11-26",
     ]

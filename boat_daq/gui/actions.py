@@ -243,6 +243,7 @@ def recordings(window: MainWindow) -> list[Command]:
     return [
         command("Analyse the selected recording", "open", also="calibrate repeatability"),
         command("Correct its readings …", "readings"),
+        command("Rename it …", "rename"),
         command("Write a note on it …", "note", also="comment"),
         command("Add a marker to it …", "marker", also="event moment"),
         command("Enter its metadata …", "metadata", also="customer item serial number ambient"),

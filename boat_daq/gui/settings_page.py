@@ -21,7 +21,15 @@ from boat_daq.gui.widgets.layouts import Leaves, ReflowingPage
 from boat_daq.viewmodels.common.notices import sentence
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.unit_in_use import UnitInUse
-from boat_daq.viewmodels.settings_model import CALIBRATION_CHANGED, PROGRAM, SettingsModel, StoredValues, note, refusal
+from boat_daq.viewmodels.settings_model import (
+    CALIBRATION_CHANGED,
+    PROGRAM,
+    SettingsModel,
+    StoredValues,
+    note,
+    refusal,
+    typographic,
+)
 from protocol.base.errors import RequestError
 
 _EXPLANATION = "Stored when you leave a field. Point at a value for its meaning and range."
@@ -231,7 +239,7 @@ class SettingsPage(ReflowingPage):
             return when, CALIBRATION_CHANGED, change.after
         table, _, key = change.key.partition(".")
         label = rows[table].about.label if table in rows else f"{_TABLES.get(table, table)}: {key}".rstrip(": ")
-        return when, label, f"{change.before or _EMPTY} \u2192 {change.after or _EMPTY}"
+        return when, label, typographic(f"{change.before or _EMPTY} \u2192 {change.after or _EMPTY}")
 
     def _store(self, key: str, text: str) -> None:
         self._attempt(lambda: self.model.enter(self.subject, {key: text}))

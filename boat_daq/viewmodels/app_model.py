@@ -72,7 +72,7 @@ class AppModel:
         self.camera = CameraModel(session, self.preferences, lambda: self.connection.virtual_camera)
         self.unit = UnitInUse(self.units, self.connection, self.live)
         self.outlets = OutletsModel(session, self.preferences, self.unit, lambda: self.sequence.plans, recordings)
-        self.runs = RunsModel(recordings, self.units, self.jobs, self.notices, self.undo)
+        self.runs = RunsModel(recordings, self.units, self.jobs, self.notices, self.undo, self._renamed)
         self.csv_import = CsvImport(recordings, self.jobs, self.preferences, self._imported)
         self.repeatability = RepeatabilityModel(self.jobs)
         self.calibration = CalibrationModel(
@@ -193,6 +193,11 @@ class AppModel:
         self.repeatability.show(result)
         if before is None or before.path != result.path:  # the same again leaves the tab
             self.services.choose(Tab.REPEATABILITY if lacking(result) is Lack.PLATEAUS else Tab.CALIBRATION)
+
+    def _renamed(self, old: Path, new: Path) -> None:
+        """Follow a renamed recording on the pages that show it."""
+        for page in (self.calibration, self.repeatability):
+            page.follow_rename(old, new)
 
     def _imported(self, path: Path, noted: Sequence[str]) -> None:
         """List an imported recording, chosen, and offer to calibrate with it."""

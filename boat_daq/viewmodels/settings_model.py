@@ -174,7 +174,7 @@ def refusal(about: Described, text: str) -> str:
     try:
         about.check(about.value_of(text, ""), "")
     except RequestError as error:
-        return _typographic(f"It {getattr(error, 'why', error.cause)}.")
+        return typographic(f"It {getattr(error, 'why', error.cause)}.")
     return ""
 
 
@@ -183,10 +183,10 @@ def note(about: Described) -> str:
     shown = "" if about.choices or isinstance(about.default, bool) else about.range_text
     effect = f"applies {about.applies}" if about.applies is not Applies.NOW else ""
     parts = "; ".join(filter(None, (shown, f"default {text}" if text else "", effect)))
-    return _typographic(f"{parts[:1].upper()}{parts[1:]}.") if parts else ""
+    return typographic(f"{parts[:1].upper()}{parts[1:]}.") if parts else ""
 
 
-def _typographic(text: str) -> str:
+def typographic(text: str) -> str:
     """Return a text whose negative numbers have a minus sign."""
     return re.sub(r"(?<![\w.])-(?=\d)", MINUS, text)
 

@@ -95,7 +95,7 @@ def add_marker(path: Path, time_s: float, text: str) -> None:
     import numpy as np
 
     from analysis.data.boat_file import read_boat_file
-    from boat_daq.engine.recording.notes import add_mark
+    from boat_daq.engine.recording.rename import add_mark
     from protocol.base.errors import RequestError
 
     recording = read_boat_file(path)
@@ -112,7 +112,7 @@ def add_marker(path: Path, time_s: float, text: str) -> None:
 
 def markers_of(path: Path) -> list[tuple[float, str]]:
     """Return the markers of a recording: time from its first sample, s, and note."""
-    from boat_daq.engine.recording.notes import has_marks
+    from boat_daq.engine.recording.rename import has_marks
 
     if not has_marks(path):  # few have one: the samples, which give its time, are not read in vain
         return []

@@ -155,6 +155,7 @@ class RunsPage(QWidget):
             ("resume", "Resume this run", partial(run, self._resume)),
             ("recover", "Recover", self._recover),
             None,
+            ("rename", "Rename …", self._rename),
             ("note", "Note …", self._note),
             ("marker", "Marker …", self._marker),
             ("metadata", "Metadata …", self._metadata),
@@ -285,6 +286,13 @@ class RunsPage(QWidget):
         paths = self._paths()
         ask_save(self, self.services, paths[0].stem if paths else "run", kinds, partial(save, paths), done="")
 
+    def _rename(self) -> None:
+        run = self.selected()[0]
+        rename = partial(self.model.rename, run.path)
+        words = f"New name of {run.path.name}; the files that belong to it are renamed, too. Undo: Ctrl+Z."
+        attempt = self.services.notices.attempt
+        TextDialog(self, "Rename", words, run.path.stem, "Rename", lambda text: attempt(partial(rename, text)))
+
     def _note(self) -> None:
         run = self.selected()[0]
         words = f"Note on {run.path.name}. The previous note stays in the file."
@@ -316,7 +324,7 @@ class RunsPage(QWidget):
         chosen = self.selected()
         for key in ("open", "report", "export"):
             controls.allow(self.buttons[key], obstacle(key, chosen))
-        for key in ("readings", "compare", "note", "marker", "metadata"):
+        for key in ("readings", "compare", "rename", "note", "marker", "metadata"):
             why = obstacle(key, chosen)
             self.actions_[key].setEnabled(not why)
             self.actions_[key].setStatusTip(why)

@@ -18,6 +18,7 @@ from analysis.calibration.curve_choice import AUTO, CURVES, SPLINE, USUAL_DEGREE
 from analysis.calibration.record import CalibrationRecord, SensorRecord
 from analysis.calibration.type_b import Traceability
 from analysis.fidelity import Fidelity, fidelity
+from boat_daq.engine.recording.rename import companions
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionState
@@ -200,12 +201,19 @@ class CalibrationModel:
             rows += [curve_row(one, self.units_of_run, chosen=one.name == chosen) for one in candidates]
         return rows
 
+    def follow_rename(self, old: Path, new: Path) -> None:
+        """Keep the run that is shown under its new name."""
+        if self.last_path == old:
+            self.last_path = new
+        if self.result is not None and Path(self.result.path) == old:
+            self.result = replace(self.result, path=str(new))
+
     def take_readings(self, file: Path) -> None:
         """Keep a file of readings beside the recording, where every analysis finds it, and analyse again."""
         if self.last_path is None:
             return
         read_elongation_rows(file)
-        beside = self.last_path.with_name(f"{self.last_path.stem}.elongation.csv")
+        beside = companions(self.last_path)[0]
         if file.resolve() != beside.resolve():
             shutil.copyfile(file, beside)
         self.analyse(self.last_path)

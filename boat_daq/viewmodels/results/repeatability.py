@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import monotonic
 
@@ -131,6 +131,11 @@ class RepeatabilityModel:
         found = self.result.verdict if self.result is not None else None
         known = found is not None and found.limits_state != "none"
         return verdict_text(found.limits_state, found.limits_text) if found is not None and known else ("", "")
+
+    def follow_rename(self, old: Path, new: Path) -> None:
+        """Keep the run that is shown under its new name."""
+        if self.result is not None and Path(self.result.path) == old:
+            self.result = replace(self.result, path=str(new))
 
     @property
     def loading(self) -> bool:

@@ -24,7 +24,7 @@ _STATES = {
     "interrupted": "\u25b2 interrupted",
 }  # fmt: skip
 CHOOSE_ONE, CHOOSE_SOME = "Choose a recording in the list.", "Choose one or more recordings in the list."
-_CHANGES = ("readings", "note", "marker", "metadata")  # of a recording
+_CHANGES = ("readings", "rename", "note", "marker", "metadata")  # of a recording
 NONE_CHOSEN = "Choose a recording to open it, or two to four to compare them."
 
 

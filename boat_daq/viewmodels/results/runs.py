@@ -18,8 +18,8 @@ import numpy as np
 
 from analysis.calibration.record import CalibrationRecord
 from analysis.fidelity import Fidelity, fidelity
-from boat_daq.engine.recording.notes import add_note
 from boat_daq.engine.recording.recovery import Recovery, find_interrupted, recover
+from boat_daq.engine.recording.rename import add_note, rename
 from boat_daq.engine.recording.resumption import BrokenRun, prepare_resumption, read_broken_run
 from boat_daq.engine.recording.summary import is_simulated
 from boat_daq.engine.settings import UnitLibrary
@@ -60,9 +60,10 @@ class RunsModel:
         jobs: JobRunner,
         notices: Notices,
         undo: UndoHistory,
+        renamed: Callable[[Path, Path], None] = lambda old, new: None,
     ) -> None:
         self.folder, self.units, self.jobs, self._notices = folder, units, jobs, notices
-        self._undo = undo
+        self._undo, self._renamed = undo, renamed
         self.runs: list[RunEntry] = []
         self.units_read: list[UnitLine] = []
         self.comparison: tuple[RunResult, ...] = ()
@@ -154,6 +155,18 @@ class RunsModel:
         text = f"{recovery.path.name} is recovered" + (f", without what cannot be read: {lost[0]}" if lost else "")
         self._notices.inform(text)
         self.select(recovery.path)
+
+    def rename(self, path: Path, name: str) -> None:
+        """Rename a closed recording with its companions, undoably."""
+        target = path.with_name(f"{name.strip().removesuffix(SUFFIX)}{SUFFIX}")
+        if target != path:
+            move = self._move
+            self._undo.push(Change("renaming", lambda: move(path, target.name), lambda: move(target, path.name)))
+
+    def _move(self, path: Path, name: str) -> None:
+        target = rename(path, name)
+        self._renamed(path, target)
+        self.select(target)
 
     def note(self, run: RunEntry, text: str) -> None:
         """Add a note to a closed recording, undoably: undo adds the one before again."""

@@ -42,7 +42,7 @@ def test_limit_of_a_unit_is_entered_and_undone(page, empty):
     assert row.refused.text() == ""
     assert empty.model.units.load("SA1").min_kpa == -25.0
     empty.refresh()
-    assert [page.changes.item(0, k).text() for k in (1, 2)] == ["Lowest pressure", "-40 \u2192 -25"]
+    assert [page.changes.item(0, k).text() for k in (1, 2)] == ["Lowest pressure", "\u221240 \u2192 \u221225"]
     empty.model.undo.undo()
     empty.refresh()
     assert row.field.text() == "-40"

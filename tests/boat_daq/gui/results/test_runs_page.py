@@ -321,8 +321,8 @@ def test_search_lists_what_matches(runs, monkeypatch):
     assert opened == [str(window.model.services.recordings)]
 
 
-def test_note_is_undone(runs, qtbot):
-    """By its panel; the line keeps its choice, the search finds the note; undo restores the one before."""
+def test_rename_and_note_are_undone(runs, qtbot):
+    """Both by their panels; the line keeps its choice, the search finds the note; undo restores name and note."""
     window, page = runs
     choose(page, 1)
     page.press("note")
@@ -346,6 +346,17 @@ def test_note_is_undone(runs, qtbot):
     dialog.button.click()
     assert dialog.isVisible()  # no time: what was typed stays
     assert "is not a time" in window.model.notices.current().cause
+    page.press("rename")
+    dialog = window.findChildren(TextDialog)[-1]
+    dialog.field.setText("second")
+    dialog.button.click()
+    assert dialog.isVisible()  # the name is in use: what was typed stays
+    assert "exists already" in window.model.notices.current().cause
+    dialog.field.setText("after the tube")
+    dialog.button.click()
+    until(("after the tube.boat", "tube replaced"))
+    run_shortcut(window, "Ctrl+Z")
+    until(("first.boat", "tube replaced"))
     run_shortcut(window, "Ctrl+Z")
     until(("first.boat", read_run(SAMPLE).note))
 

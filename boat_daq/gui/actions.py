@@ -194,6 +194,10 @@ def results(window: MainWindow) -> list[Command]:
     def acceptable() -> bool:
         return window.place is Tab.CALIBRATION and not model.obstacle() and model.accepted is None
 
+    def not_acceptable() -> str:
+        obstacle = model.obstacle()
+        return str(obstacle) if obstacle else "It is accepted already." if model.accepted else "Go to Results first."
+
     def has_report() -> bool:
         return app_model.analysed_path(window.place) is not None
 
@@ -214,7 +218,7 @@ def results(window: MainWindow) -> list[Command]:
     return [
         add("Open a file …", "Ctrl+O", open_file, also=kinds),
         add("Analyse the last run", "", on_page(model.analyse_current), also="calibrate fit"),
-        add("Accept the calibration", "Ctrl+Return", model.request_acceptance, acceptable),
+        add("Accept the calibration", "Ctrl+Return", model.request_acceptance, acceptable, why=not_acceptable),
         add("Report of the run shown …", "", window.ask_report, has_report, apart=True, also="pdf html print"),
         add("Certificate …", "", certify, exportable, also="iso 17025 dcc pdf xml customer laboratory"),
         add("Export calibration …", "", export, exportable, also="c matlab octave json code table"),

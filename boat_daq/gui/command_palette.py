@@ -89,6 +89,7 @@ class Palette(QDialog):
 
     def _run(self) -> None:
         item = self.list.currentItem()
+        self.field.clearFocus()  # else it keeps the keyboard where nothing in the window had it
         self.hide()
         if item is not None:
             command: Command = item.data(0, Qt.ItemDataRole.UserRole)

@@ -106,8 +106,8 @@ class Registry:
         """Run a command if it is available, else report why not."""
         if command.available():
             command.run()
-        elif why := command.why():
-            self._notices.add(Severity.INFORMATION, f"\u201c{command.text}\u201d: not now", why)
+        else:
+            self._notices.add(Severity.INFORMATION, f"\u201c{command.text}\u201d: not now", command.why())
 
     def refresh(self) -> None:
         """Grey what cannot run now."""

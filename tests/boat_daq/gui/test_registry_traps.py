@@ -340,6 +340,17 @@ def test_vent_key_and_button_vent_whatever_is_open(front, qtbot):
         to_front(front, qtbot)
 
 
+def test_escape_vents_after_a_command_of_the_palette(front, qtbot):
+    """In a run without readings its hidden field kept the keyboard, and the first Esc vented nothing."""
+    front.model.session.change(state=SessionState.RUNNING, progress=RAMPING)
+    front.refresh()
+    open_(front, qtbot, "palette")
+    QTest.keyClicks(front.palette_.field, "zoom in on time")
+    press(front, Key.Key_Return)
+    assert QApplication.focusWidget() is None
+    assert escapes(front, qtbot, "after the palette") == [(True, True)]
+
+
 def test_what_is_typed_counts_for_the_next_command(front):
     """3 cycles were typed, F5 armed the 5 before them, and the form then showed 3."""
     armed = []

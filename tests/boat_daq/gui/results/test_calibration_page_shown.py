@@ -95,7 +95,7 @@ def test_turning_curve_shows_its_reason_and_its_readings(calibrate):
 
 
 def test_many_warnings_scroll_below_the_figures(calibrate):
-    """Forty warnings at 1280 x 800: the accept button and the verdict remain visible, no heading over no figures."""
+    """Forty warnings at 1280 x 800: accept button, verdict and figures remain visible; no heading over no figures."""
     calibrate.resize(1280, 800)
     calibrate.go("Calibration")
     page = calibrate.pages["Calibration"]
@@ -103,12 +103,17 @@ def test_many_warnings_scroll_below_the_figures(calibrate):
         Warning(WarningCode.OUTLIER, "s1", f"the reading +6.86 mm at +50 kPa, unloading, cycle {i} is off the curve")
         for i in range(40)
     )
-    calibrate.model.calibration.show(dataclasses.replace(out_of_tolerance_result(), warnings=warnings))
-    calibrate.refresh()
-    QApplication.processEvents()
-    assert page.run_warnings.text().count("\u25b2") == 40
-    assert page.table.isHidden() and page.table.model().rowCount() == 0
-    assert all(whole_in_sight(calibrate, widget) for widget in (page.accept, page.verdict, page.texts))
+    result = dataclasses.replace(out_of_tolerance_result(), warnings=warnings)
+    rows = tuple(((f"Figure {k}, mV", ""), ("1.0", ""), ("2.0", "")) for k in range(6))
+    for known in (rows, ()):
+        calibrate.model.calibration.show(dataclasses.replace(result, figures=known, key_figures=known))
+        calibrate.refresh()
+        QApplication.processEvents()
+        assert page.run_warnings.text().count("\u25b2") == 40
+        assert page.table.isVisible() is bool(known)
+        table = (page.table,) if known else ()
+        assert all(whole_in_sight(calibrate, widget) for widget in (page.accept, page.verdict, *table, page.texts))
+        assert page.table.model().rowCount() == len(known)
 
 
 def test_missing_readings_are_shown_in_place_of_the_curves(calibrate):

@@ -109,7 +109,7 @@ MODULES: dict[str, tuple[str, ...]] = {  # the tests that reach most of a module
         f"{_RECORDING}/test_{name}.py" for name in ("verify", "recovery_damage")
     ),
     "boat_daq/engine/recording/resumption.py": (f"{_RECORDING}/test_resumption.py",),
-    "boat_daq/engine/recording/notes.py": (f"{_RECORDING}/test_notes.py",),
+    "boat_daq/engine/recording/rename.py": (f"{_RECORDING}/test_rename.py",),
 }
 _COMPARISONS = {  # one relation that moves the border, one that turns it round
     "Lt": ("LtE", "GtE"), "LtE": ("Lt", "Gt"), "Gt": ("GtE", "LtE"), "GtE": ("Gt", "Lt"), "Eq": ("NotEq",),

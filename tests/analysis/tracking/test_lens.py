@@ -104,7 +104,7 @@ finally:
     command = [sys.executable, "-c", program, *sorted(map(str, tmp_path.glob("*.jpg")))]
     ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     *_, refusal, used = ended.stderr.splitlines()
-    assert refusal == "bomb.png is no picture, or has more than 50 megapixels"
+    assert refusal == "bomb.png is not a picture, or has more than 50 megapixels"
     peak_kb, seconds = map(float, used.split())
     assert peak_kb < 1_000_000
     assert seconds < 20

@@ -138,11 +138,11 @@ class MainWindow(QMainWindow):
     def _tab_to_strip_last(self) -> None:
         """Let Tab reach the strip after the pages: Qt's own order is that in which they were made."""
         of_strip = [w for w in self.strip.findChildren(QWidget) if w.focusPolicy() != Qt.FocusPolicy.NoFocus]
-        chain = [self.nextInFocusChain()]
-        while chain[-1] is not None and chain[-1] is not self:
-            chain.append(chain[-1].nextInFocusChain())
-        rest = [w for w in chain if w is not None and w.focusPolicy() != Qt.FocusPolicy.NoFocus and w not in of_strip]
-        last = rest[-1]
+        last: QWidget | None = self.previousInFocusChain()
+        while last is not None and (last.focusPolicy() == Qt.FocusPolicy.NoFocus or self.strip.isAncestorOf(last)):
+            last = last.previousInFocusChain()
+        if last is None:
+            return
         for widget in of_strip:
             self.setTabOrder(last, widget)
             last = widget

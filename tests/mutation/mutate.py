@@ -87,7 +87,7 @@ MODULES: dict[str, tuple[str, ...]] = {  # the tests that reach most of a module
             "boat_daq/engine/recording/recovery.py",
             *(f"boat_daq/engine/recording/salvage/{name}.py" for name in ("derive_again", "salvaged_file")),
         ),
-        (f"{_RECORDING}/test_recovery_damage.py",),
+        (f"{_RECORDING}/test_recovery_damage.py", f"{_RECORDING}/test_recovery.py"),
     ),
     **dict.fromkeys(
         (f"boat_daq/engine/control/{name}.py" for name in ("controller", "board_commands", "watchdog")),

@@ -166,7 +166,7 @@ class SettingsPage(ReflowingPage):
             self.title, self.explanation, self.broken, self.leaves, self.calibrations, None, foot, self.path
         )
         history, _ = controls.card(controls.label("What changed when", "subtitle"), (self.changes, 1))
-        body = controls.row((self.side, 1), (self.values, 3), (history, 2), spacing=style.GAP)
+        body = controls.row((self.side, 1), (self.values, 3), (history, 3), spacing=style.GAP)
         controls.page_layout(self).addLayout(body, 1)
         self.rows, self.tall = (body,), (history,)
         self.reflow()

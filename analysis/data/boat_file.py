@@ -31,8 +31,8 @@ from protocol.base.errors import FileError, RequestError, damaged
 from protocol.base.regular_file import open_regular
 from protocol.recording import metadata_of, schema
 from protocol.recording.checks import DAMAGE, harden
+from protocol.recording.damaged_log import fault_of_log
 from protocol.recording.missing import missing_before_recovery
-from protocol.recording.write_ahead_log import fault_of_log
 from protocol.recording.writer_lock import is_being_written
 
 LATE_S = 0.5  # the counter is read a little before or after the samples that its row is laid to

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from protocol.recording.damaged_log import end_may_be_missing
 from protocol.recording.schema import session_dtype
-from protocol.recording.write_ahead_log import end_may_be_missing
 from protocol.recording.writer_lock import is_being_written
 
 

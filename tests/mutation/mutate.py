@@ -83,7 +83,7 @@ MODULES: dict[str, tuple[str, ...]] = {  # the tests that reach most of a module
     "boat_daq/engine/outlets/lsl.py": (f"{_OUTLETS}/test_lsl.py",),
     **dict.fromkeys(
         (
-            "protocol/recording/write_ahead_log.py",
+            "protocol/recording/damaged_log.py",
             "boat_daq/engine/recording/recovery.py",
             *(f"boat_daq/engine/recording/salvage/{name}.py" for name in ("derive_again", "salvaged_file")),
         ),

@@ -27,7 +27,7 @@ from boat_daq.engine.file_names import check_file_name
 from protocol.base.errors import RequestError, StorageError
 from protocol.recording import open_recording, refuse_newer, sample_dtype, schema
 from protocol.recording.checks import harden
-from protocol.recording.write_ahead_log import fault_of_log
+from protocol.recording.damaged_log import fault_of_log
 from protocol.recording.writer_lock import WriterLock, is_being_written
 
 SPACE_FLOOR_BYTES = 32 * 2**20  # below this a recording is ended while it can still be closed

@@ -27,8 +27,7 @@ from boat_daq.engine.sample_columns import mv_per_count
 from protocol.base.errors import DamagedRecordingError, RecordingError, StorageError
 from protocol.recording import schema
 from protocol.recording.checks import DAMAGE, harden
-from protocol.recording.missing import Missing, end_hole, missing_of
-from protocol.recording.write_ahead_log import (
+from protocol.recording.damaged_log import (
     OTHERS_LOG,
     LogCheck,
     LogState,
@@ -37,6 +36,7 @@ from protocol.recording.write_ahead_log import (
     open_alone,
     read_log,
 )
+from protocol.recording.missing import Missing, end_hole, missing_of
 from protocol.recording.writer_lock import WriterLock, is_being_written
 
 _ROWS = 1_000  # between two reports of progress

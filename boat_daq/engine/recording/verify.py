@@ -31,8 +31,8 @@ from protocol.link.bulk import decode_chunks
 from protocol.link.events import Link, SampleGap, Samples
 from protocol.recording import breaks_of, check_long_tables, open_recording, read_session, session_dtype
 from protocol.recording.checks import DAMAGE
+from protocol.recording.damaged_log import fault_of_log
 from protocol.recording.missing import Missing, missing_before_recovery
-from protocol.recording.write_ahead_log import fault_of_log
 from protocol.recording.writer_lock import is_being_written
 
 Progress = Callable[[float, float], None]

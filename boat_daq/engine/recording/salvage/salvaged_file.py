@@ -25,9 +25,9 @@ from boat_daq.engine.recording.salvage.derive_again import derive_missing
 from protocol.base.errors import RecordingError, RequestError
 from protocol.recording import schema
 from protocol.recording.checks import DAMAGE, bytes_of, harden, refuse_active, value_fits
+from protocol.recording.damaged_log import WriteAheadLog, page_size_of, pages_of
 from protocol.recording.missing import Missing
 from protocol.recording.page_rows import Row, rows_of_page
-from protocol.recording.write_ahead_log import WriteAheadLog, page_size_of, pages_of
 
 Progress = Callable[[float, float], None]
 _ROWS = 1_000  # of one transaction

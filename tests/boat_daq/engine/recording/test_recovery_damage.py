@@ -27,8 +27,8 @@ from boat_daq.engine.recording.summary import summarise
 from boat_daq.engine.recording.verify import verify_recording
 from protocol.base.errors import FileError, RecordingError, StorageError
 from protocol.recording import RunEnd, open_recording, read_session, session_dtype
+from protocol.recording.damaged_log import read_log
 from protocol.recording.missing import missing_of
-from protocol.recording.write_ahead_log import read_log
 from tests.boat_daq.engine.recording_source import Source, begin, stored_samples
 from tests.conftest import ROOT, mostly_at_night
 from tests.faults.nightly_counts import few_and_many

@@ -16,11 +16,14 @@ DISCARD = "Not stored: close again to discard"
 class FormDialog(QDialog):
     """A panel that is closed at the second request where something is typed that is not stored."""
 
+    _warned_of: tuple[str, ...] = ()
+
     def reject(self) -> None:
         """Close the panel, or say in its title that this loses what is typed."""
-        typed = any(field.isModified() for field in self.findChildren(QLineEdit))
-        typed |= any(text.document().isModified() for text in self.findChildren(QPlainTextEdit))
-        if typed and self.windowTitle() != DISCARD:
+        typed = [field.text() for field in self.findChildren(QLineEdit) if field.isModified()]
+        typed += [t.toPlainText() for t in self.findChildren(QPlainTextEdit) if t.document().isModified()]
+        if typed and tuple(typed) != self._warned_of:
+            self._warned_of = tuple(typed)
             self.setWindowTitle(DISCARD)
         else:
             super().reject()

@@ -26,6 +26,7 @@ from protocol.base.units import MINUS, NOTHING, ShownUnits
 
 if TYPE_CHECKING:
     from analysis.shadow.model.frames import Shadow, ShadowState
+    from analysis.shadow.model.reduced import ReducedModel
     from analysis.shadow.monitoring.monitor import Alarm, CycleFigures
     from boat_daq.workflows.live_conversion import Conversion
 
@@ -94,16 +95,19 @@ NOTHING_DRAWN = (np.zeros((0, 4, 2)), np.zeros(0, np.int64), np.zeros((0, 0, 2))
 class ShadowLive:
     def __init__(self, live: LiveModel, jobs: JobRunner) -> None:
         self._live, self._jobs = live, jobs
-        self._loading: Background[tuple[Shadow, frozenset[Place]]] = Background("shadow")
+        self._loading: Background[ReducedModel | tuple[Shadow, frozenset[Place]]] = Background("shadow")
         self._wanted, self._begun = False, False
+        self._table: ReducedModel | None = None
         self.model: Shadow | None = None
         self.quantity = "displacement"
         self._last: tuple[tuple[object, ...], ShadowPicture] | None = None
         self._unstable: frozenset[Place] = frozenset()
 
     def prepare(self) -> None:
-        """Let `poll` load the model on a helper thread, once the jobs that compile have ended."""
-        self._wanted = True
+        """Load the table on a helper thread; let `poll` load the model there, once the jobs that compile have ended."""
+        if not self._wanted:
+            self._wanted = True
+            self._loading.call(_load_table)
 
     @property
     def error_mm(self) -> float:
@@ -115,35 +119,41 @@ class ShadowLive:
             self._begun = True
             self._loading.call(_load)
         loaded = self._loading.take()
-        if loaded is not None:
+        if isinstance(loaded, tuple):
             self.model, self._unstable = loaded
+        elif loaded is not None:
+            self._table = loaded
 
     def close(self) -> None:
         self._loading.close()
 
     def nominal_at(self, pressure_kpa: float) -> tuple[float, float] | None:
-        """Return nominal elongation and half of its band at a pressure, mm; None while the model loads."""
-        if self.model is None:
+        """Return nominal elongation and half of its band at a pressure, mm; None while the table loads."""
+        if (table := self._nominal_table) is None:
             return None
-        mm, half = self._nominal(self.model, np.array([pressure_kpa]))
+        mm, half = self._nominal(table, np.array([pressure_kpa]))
         return float(mm[0]), float(half[0])
 
     def nominal_curve(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None:
         """Return pressures (kPa), nominal elongation and the ends of its band (mm); None while the table loads."""
-        if self.model is None:
+        if (table := self._nominal_table) is None:
             return None
         pressure = np.linspace(*PRESSURES_KPA, 91)
-        mm, half = self._nominal(self.model, pressure)
+        mm, half = self._nominal(table, pressure)
         keep = np.isfinite(mm) & np.isfinite(half)
         return pressure[keep], mm[keep], (mm - half)[keep], (mm + half)[keep]
 
+    @property
+    def _nominal_table(self) -> ReducedModel | None:
+        return self._table if self.model is None else self.model.table
+
     @staticmethod
-    def _nominal(model: Shadow, pressure_kpa: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _nominal(table: ReducedModel, pressure_kpa: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return nominal elongation and half of its band, mm: two sd of the modulus and the loop of the actuator.
 
         The model is elastic: an actuator within two sd lies on a loop about its curve, by its history.
         """
-        mm, sd = model.table.nominal_elongation(pressure_kpa)
+        mm, sd = table.nominal_elongation(pressure_kpa)
         return mm, 2.0 * sd + LOOP_HALF_WIDTH_MM
 
     def trace(self) -> tuple[FloatArray, FloatArray]:
@@ -230,7 +240,7 @@ class ShadowLive:
         if math.isfinite(now.pressure) and place[0] != now.pressure:
             text = f"\u25b2 drawn at {place[0]:.1f} kPa, the model's last state"
             return (*lines, ("Shadow", text.replace("-", MINUS), "warning"))
-        (nominal,), (half,) = (value.tolist() for value in self._nominal(self.model, np.array([place[0]])))
+        (nominal,), (half,) = (value.tolist() for value in self._nominal(self.model.table, np.array([place[0]])))
         lines.append(("Model", in_units(self._live.units, "mm", nominal, 2, band=half), ""))
         deviation = now.measured - nominal
         if math.isfinite(deviation):
@@ -244,6 +254,13 @@ class ShadowLive:
         if now.disagree:
             lines.append(("Sensors", "\u25b2 contradict each other", "warning"))
         return tuple(lines)
+
+
+def _load_table() -> ReducedModel:
+    """Load what needs no machine code: the first reading of a first start is checked against it."""
+    from analysis.shadow.model.table import load_table
+
+    return load_table()
 
 
 def _load() -> tuple[Shadow, frozenset[Place]]:

@@ -124,11 +124,23 @@ def test_model_is_loaded_once_it_is_wanted_and_nothing_compiles(ring, monkeypatc
     pane.prepare()
     pane.poll()
     assert lines_of(pane)["Shadow"] == "preparing \u2026"
-    assert loaded == []
+    assert shadow_live._load not in loaded
     running.clear()
     pane.poll()
     pane.poll()
-    assert loaded == [shadow_live._load]
+    assert loaded[-1:] == [shadow_live._load]
+
+
+def test_a_far_reading_is_known_while_code_compiles(ring, model, monkeypatch):
+    """On a first start a run begins before the compiling has ended, and any reading was taken unasked."""
+    pane = pane_on(ring, None, None)
+    monkeypatch.setattr(pane._jobs, "get", lambda name: object())
+    assert pane.nominal_at(40.0) is None
+    pane.prepare()
+    for pending in list(pane._loading.pending):
+        pending.result(timeout=10.0)
+    pane.poll()
+    assert (pane.model, pane.nominal_at(40.0)) == (None, pane_on(ring, model, None).nominal_at(40.0))
 
 
 def test_picture_is_drawn_again_with_another_table(ring, model):

@@ -45,10 +45,15 @@ def own_elongation(recording: Recording, options: Options, elongation: str | Pat
     """Return the elongation of a calibration run's samples by its own calibration; readings from a CSV if given."""
     from analysis.figures.pipeline import analyse
 
+    check_read(recording, elongation)
+    return convert_recording(recording, CalibrationFile.of_run(analyse(recording, elongation, options=options)))
+
+
+def check_read(recording: Recording, elongation: str | Path | None = None) -> None:
+    """Refuse a run without any reading of elongation."""
     measured = len(recording.readings) or recording.camera is not None or recording.meta.get("elongation_channel")
     if elongation is None and not measured:
         raise DataError("no elongation was read in this run", "Give a calibration of its unit.")
-    return convert_recording(recording, CalibrationFile.of_run(analyse(recording, elongation, options=options)))
 
 
 def check_signals(calibration: CalibrationFile, sensors: int, unit: str = "mV", *, simulated: bool) -> None:

@@ -57,7 +57,7 @@ def against_shadow(analysis: Analysis, *, progress: Progress | None = None) -> A
 
     recording, cycles = analysis.recording, analysis.cycles.used
     try:
-        elongations = measured_elongation(recording, analysis.sensors)
+        elongations = measured_elongation(recording, inverses_of(analysis.sensors))
         if not cycles:
             raise DataError("the run has no complete cycle")
         table = load_table(progress=progress)
@@ -95,18 +95,22 @@ def readings_against_shadow(analysis: Analysis, *, progress: Progress | None = N
     }
 
 
-def measured_elongation(recording: Recording, sensors: Sequence[SensorAnalysis]) -> FloatArray:
-    """Return the elongation by each sensor's calibration, [n, sensors], NaN outside its range; may raise DataError."""
-    if len(sensors) != recording.n_sensors:
-        cause = f"the run has {recording.n_sensors} signals, the calibration {len(sensors)}"
-        raise DataError(cause, "give a calibration of the same unit")
-    columns = []
-    for number, sensor in enumerate(sensors):
+def inverses_of(sensors: Sequence[SensorAnalysis]) -> tuple[Inverse, ...]:
+    """Return the inverse of each sensor of a run. DataError: one is not calibrated, or its curve has none."""
+    for sensor in sensors:
         if sensor.calibration is None:
             remedy = "give a run with readings of elongation"
             raise DataError(f"{sensor.name} is not calibrated: {sensor.calibration_void}", remedy)
-        signal = np.where(recording.usable[:, number], recording.signal_mv[:, number], np.nan)
-        columns.append(np.asarray(Inverse.of(sensor.calibration)(signal), dtype=np.float64))
+    return tuple(Inverse.of(sensor.calibration) for sensor in sensors if sensor.calibration is not None)
+
+
+def measured_elongation(recording: Recording, inverses: Sequence[Inverse]) -> FloatArray:
+    """Return the elongation by each sensor's calibration, [n, sensors], NaN outside its range; may raise DataError."""
+    if len(inverses) != recording.n_sensors:
+        cause = f"the run has {recording.n_sensors} signals, the calibration {len(inverses)}"
+        raise DataError(cause, "give a calibration of the same unit")
+    signals = np.where(recording.usable, recording.signal_mv, np.nan)
+    columns = [np.asarray(inverse(signals[:, n]), dtype=np.float64) for n, inverse in enumerate(inverses)]
     return np.stack(columns, axis=1)
 
 

@@ -315,7 +315,9 @@ def modulus(
 @app.command()
 def replay(
     run: RunArgument,
-    calibration: Annotated[Path | None, typer.Option(help="Run to calibrate from; default RUN itself.")] = None,
+    calibration: Annotated[
+        Path | None, typer.Option(help="Run to calibrate from; default RUN itself, else the calibration of its unit.")
+    ] = None,
     elongation: Annotated[Path | None, typer.Option(help="CSV of the calibration's elongation readings.")] = None,
     parameters: ParametersOption = None,
     plot: PlotOption = None,
@@ -326,19 +328,18 @@ def replay(
     Example: boat-daq shadow replay repeatability.boat --calibration calibration.boat --plot deviation.png
     """
     load("analysis.figures.pipeline", "analysis.shadow.monitoring.replay")
-    from analysis import analyse, find_cycles, load_recording
-    from analysis.figures.against_shadow import measured_elongation
+    from analysis import find_cycles, load_recording
     from analysis.shadow.monitoring.replay import replay as compare
     from analysis.shadow.monitoring.replay import replay_figure
+    from boat_daq.workflows.run_analysis import elongation_by_sensor
 
     recording = load_recording(run)
     with progress_bar("calibrating") as progress:
-        sensors = analyse(calibration or run, elongation, mcmc=False, progress=progress).sensors
+        measured_mm, by = elongation_by_sensor(run, recording, calibration, elongation, progress=progress)
     table = chosen_table(chosen_parameters(parameters))
-    measured_mm = measured_elongation(recording, sensors)
     cycles = [cycle.rows for cycle in find_cycles(recording).complete]
     result = compare(table, recording.time_s, recording.pressure_kpa, measured_mm, cycles)
-    summary = result.summary() | {"simulated": recording.simulated, "error_mm": table.errors_mm[-1]}
+    summary = result.summary() | {"simulated": recording.simulated, "error_mm": table.errors_mm[-1], "calibration": by}
     if plot is not None:
         save_figure(replay_figure(result), plot)
     if as_json:
@@ -347,7 +348,7 @@ def replay(
     if recording.simulated:
         show("SIMULATED")
     show(
-        f"{summary['cycles']} cycles; deviation {summary['deviation_mean_mm']:+.3f} mm on average, "
+        f"calibration: {by}\n{summary['cycles']} cycles; deviation {summary['deviation_mean_mm']:+.3f} mm on average, "
         f"{summary['deviation_rms_mm']:.3f} mm rms; drift {result.trend}"
     )
     show_table(("cycle", "mean deviation, mm"), [(str(k), f"{mm:+.3f}") for k, mm in enumerate(result.levels_mm, 1)])

@@ -64,6 +64,9 @@ def newest_calibration(units: UnitLibrary, name: str) -> CalibrationRecord | Non
     return None if unit is None or unit.calibration is None else record_of(unit, unit.calibration)
 
 
+ACCEPT = "boat-daq twin accept RUN"
+
+
 class NotCalibrated(RequestError):
     """A unit has no accepted calibration."""
 
@@ -71,13 +74,17 @@ class NotCalibrated(RequestError):
 def in_force(units: UnitLibrary, name: str) -> CalibrationRecord:
     found = newest_calibration(units, name)
     if found is None:
-        kind = "simulated unit" if units.simulated else "unit"
-        cause = f"{kind} {name} has no accepted calibration" if name else "the unit is not named"
-        raise NotCalibrated(cause, "accept a calibration of this unit first", command="boat-daq twin accept RUN")
+        cause = missing_calibration(name, units.simulated)
+        raise NotCalibrated(cause, "accept a calibration of this unit first", command=ACCEPT)
     if found.signal_unit != "mV":
         cause = f"the calibration of unit {name} is for signals in {found.signal_unit}, those of a board are in mV"
         raise RequestError(cause, "accept a calibration of this unit by the board first")
     return found
+
+
+def missing_calibration(name: str, simulated: bool) -> str:
+    kind = "simulated unit" if simulated else "unit"
+    return f"{kind} {name} has no accepted calibration" if name else "the unit is not named"
 
 
 def calibration_in_force(recording: Recording) -> CalibrationFile | None:

@@ -10,10 +10,20 @@ import numpy as np
 
 from analysis.fidelity import Level
 from analysis.progress import Progress
-from boat_daq.workflows.calibration_in_force import chosen_curve, stated_contributions
+from boat_daq.workflows.calibration_in_force import (
+    ACCEPT,
+    NotCalibrated,
+    calibration_in_force,
+    chosen_curve,
+    missing_calibration,
+    stated_contributions,
+)
+from protocol.base.errors import BoatDaqError
 
 if TYPE_CHECKING:
+    from analysis.data.recording import Recording
     from analysis.figures.pipeline import Analysis
+    from protocol.base.arrays import FloatArray
 
 
 def load_analysis() -> None:
@@ -45,6 +55,44 @@ def analysed_run(
     type_b = stated_contributions(recording)
     options = Options(chosen_curve(recording, curve), fidelity=level, mcmc=mcmc, type_b=type_b)
     return analyse(recording, elongation or readings_beside(path), options=options, progress=progress)
+
+
+def elongation_by_sensor(
+    path: Path,
+    recording: Recording,
+    calibration: Path | None = None,
+    elongation: Path | None = None,
+    *,
+    progress: Progress | None = None,
+) -> tuple[FloatArray, str]:
+    """Return the elongation of every sample by each sensor, [n, sensors], and the calibration that it is by.
+
+    The first of these: that of the run `calibration`, of the run itself, of its unit.
+
+    Parameters
+    ----------
+    elongation : CSV of the calibration's readings.
+    """
+    from analysis.calibration_export.conversion import check_read, check_signals
+    from analysis.figures.against_shadow import inverses_of, measured_elongation
+    from analysis.history.batch import readings_beside
+
+    try:
+        if calibration is None:
+            check_read(recording, elongation or readings_beside(path))
+        found = analysed_run(calibration or path, elongation=elongation, progress=progress)
+        return measured_elongation(recording, inverses_of(found.sensors)), str(calibration or path)
+    except BoatDaqError as error:
+        if calibration is not None or elongation is not None:
+            raise
+        accepted = calibration_in_force(recording)
+        if accepted is None:
+            cause = f"{error.cause}, and {missing_calibration(recording.unit, recording.simulated)}"
+            remedy = "give --calibration RUN, or accept a calibration of this unit"
+            raise NotCalibrated(cause, remedy, command=ACCEPT) from error
+    check_signals(accepted, recording.n_sensors, recording.signal_unit, simulated=recording.simulated)
+    by = f"unit {recording.unit}, accepted {accepted.head['calibrated_utc']}"
+    return measured_elongation(recording, accepted.reader().inverses), by
 
 
 def count_plateaus(found: Analysis) -> tuple[int, int]:

@@ -15,8 +15,11 @@ from analysis.shadow.model.full import MESH_ERROR_MM, MESH_ERROR_PERCENT
 from analysis.shadow.model.states import GuideStates
 from boat_daq.cli import app
 from boat_daq.commands.shadow import save_figure
+from boat_daq.engine.settings import UnitLibrary
 from protocol.base.errors import BoatDaqError, StorageError
+from tests.analysis.boat_builder import PAPER, Plant, triangle, write_boat
 from tests.boat_daq.commands.calls import call, exit_code, program, refusal
+from tests.boat_daq.viewmodels.results.units import unit
 
 
 @pytest.fixture
@@ -152,6 +155,22 @@ def test_state_is_plotted_into_a_file(tmp_path: Path, coarse: list[str]) -> None
     assert (tmp_path / "state.svg").stat().st_size > 10_000
     with pytest.raises(StorageError):
         save_figure(Figure(), tmp_path / "state.xyz")
+
+
+def test_replay_takes_the_calibration_of_the_unit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """For a run without readings, and names it; where the unit has none, the refusal names both ways to one."""
+    monkeypatch.setenv("BOAT_DAQ_HOME", str(tmp_path))
+    continuous = Plant(cubics=PAPER[:1] * 2).run(*triangle(3, 8.0))
+    run = write_boat(tmp_path / "cycles.boat", continuous, meta={"unit": "SA1"})
+    missing = refusal("shadow", "replay", run)
+    assert missing.cause == "no elongation was read in this run, and simulated unit SA1 has no accepted calibration"
+    assert "--calibration" in missing.remedy
+    assert missing.command == "boat-daq twin accept RUN"
+    units = UnitLibrary(simulated=True)
+    stored = units.add_calibration("SA1", unit(0.0).history[0].content)
+    found = call("shadow", "replay", run)
+    assert found["cycles"] == 3
+    assert found["calibration"] == f"unit SA1, accepted {stored.history[0].utc}"
 
 
 def test_every_help_has_an_example() -> None:

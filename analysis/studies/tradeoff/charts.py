@@ -19,7 +19,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullFormatter
 
 from analysis import figure_style as style
 from analysis.fidelity import LEVELS, MARGINS
@@ -44,7 +44,8 @@ def method_chart(measured: Measured, where: str) -> Figure:
     at = _draw(axes, measured, margin=0.24)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=3, fontsize=7.5)
     kind = "independent" if measured.method.independent else "not independent"
-    text = f"reference ({kind}): {measured.method.reference}\nconsumer: {measured.method.consumer}\n{where}"
+    text = f"reference ({kind}): {measured.method.reference}\nconsumer: {measured.method.consumer}\n"
+    text += where if measured.default_is_chosen else f"{measured.verdict}\n{where}"
     figure.supxlabel(text, fontsize=6.5, color=style.SOFT)
     _number(axes, measured, at)
     return figure
@@ -57,12 +58,12 @@ _MOST_SHOWN, _PAPER = 100.0, "250 rays"
 def overview_chart(results: Sequence[Measured], where: str) -> Figure:
     """Draw all methods in one plane: time on this computer, and error over the tolerance of its use.
 
-    Each method is the front of its settings; what is below 1 nobody notices. Its default is numbered.
+    Each method is the front of its settings. Its default is numbered.
     """
     figure = Figure(figsize=(12.0, 6.0), layout="constrained")
     axes = figure.subplots()
     axes.axhline(1.0, color=style.INK, lw=1.2)
-    axes.text(1.0, 1.1, "noticeable ", transform=axes.get_yaxis_transform(), ha="right", fontsize=9)
+    axes.text(1.0, 1.1, "tolerance ", transform=axes.get_yaxis_transform(), ha="right", fontsize=9)
     lowest, names = 10.0**-DECADES_BELOW, list[str]()
     for number, measured in enumerate(sorted(results, key=_default_s), 1):
         colour, method = style.SENSOR_COLOURS[number % len(style.SENSOR_COLOURS)], measured.method
@@ -106,7 +107,7 @@ def _draw(axes: Axes, measured: Measured, *, margin: float) -> dict[str, Place]:
     floor = max(min(smallest, method.tolerance / MARGIN) / 3, method.tolerance / 10**DECADES_BELOW)
     at = {name: (p.cpu_seconds, max(p.error, floor)) for name, p in answered.items()}
     top = 3.0 * max([method.tolerance, *(y for _, y in at.values())])
-    axes.axhline(method.tolerance, color=style.SOFT, ls="--", lw=1, label="noticeable above")
+    axes.axhline(method.tolerance, color=style.SOFT, ls="--", lw=1, label="tolerance")
     axes.axhline(
         method.tolerance / MARGIN, color=style.SOFT, ls=":", lw=1, label=f"accepted below: {part_of_tolerance(MARGIN)}"
     )
@@ -138,20 +139,27 @@ def _draw(axes: Axes, measured: Measured, *, margin: float) -> dict[str, Place]:
         # a decade at least, so that noise of the clock is not magnified
         widen = max(1.0, 12.0 / (high / low)) ** 0.5
         axis.set_view_interval(low / widen, high * widen, ignore=True)
-        _number_ticks(axis)
-    axes.set(title=method.title, xlabel=f"processor time for {method.per}, s", ylabel=f"error, {method.unit}")
+        _number_ticks(axis, FuncFormatter(_seconds) if axis is axes.xaxis else None)
+    axes.set(title=method.title, xlabel=f"processor time for {method.per}", ylabel=f"error, {method.unit}")
     return at | refused
 
 
-def _number_ticks(axis: Axis) -> None:
+def _seconds(value: float, _: object) -> str:
+    """Return a time with its unit, long ones in seconds."""
+    return f"{value:g} s" if value >= 1.0 else EngFormatter(unit="s")(value)
+
+
+def _number_ticks(axis: Axis, time: FuncFormatter | None) -> None:
     """Number the decades; where fewer than `_FEW_DECADES` are shown, 2 and 5 times them too: two ticks make a scale."""
     low, high = sorted(axis.get_view_interval())
     if high / low < 10.0**_FEW_DECADES:
         axis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
-        for set_formatter in (axis.set_major_formatter, axis.set_minor_formatter):
-            set_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    else:
-        axis.set_minor_formatter(NullFormatter())
+        axis.set_minor_formatter(time or "{x:g}")
+        axis.set_major_formatter(time or "{x:g}")
+        return
+    axis.set_minor_formatter(NullFormatter())
+    if time is not None:
+        axis.set_major_formatter(time)
 
 
 def _bars(axes: Axes, point: CostPoint, x: float, y: float, floor: float) -> None:
@@ -164,7 +172,10 @@ def _bars(axes: Axes, point: CostPoint, x: float, y: float, floor: float) -> Non
 
 def _number(axes: Axes, measured: Measured, at: Mapping[str, Place]) -> None:
     """Number the settings, and list their names beside the chart; those in use also have their levels."""
-    levels = {name: level for level, name in measured.method.in_code.items() if name != measured.method.default}
+    default = measured.method.default
+    levels = {name: level for level, name in measured.method.in_code.items() if name != default}
+    if default.endswith("rays") and default != _PAPER:
+        levels[_PAPER] = "the paper's, and of optics sweep"
     names = []
     for number, (name, place) in enumerate(at.items(), 1):
         axes.annotate(str(number), place, xytext=(4, 4), textcoords="offset points", fontsize=6.5, color=style.INK)

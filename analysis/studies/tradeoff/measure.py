@@ -57,6 +57,7 @@ class Method:
     setting_at: Callable[[Fidelity], str]  # name of the setting that the program uses at a fidelity
     settings: Callable[[bool], Sequence[Setting]]  # lists the settings; True for the quick run
     one_for_all: bool = False  # whether all levels of precision have the setting of normal
+    kept: str = ""  # why the default is kept where the rule chooses another
 
     @property
     def in_code(self) -> dict[Level, str]:
@@ -116,7 +117,7 @@ class Measured:
             return f"the default, {self.method.default}, is the cheapest with {limit}"
         if self.chosen is None:
             return f"no setting measured has {limit}; the default is {self.method.default}"
-        return f"the rule chooses {self.chosen}, the default is {self.method.default}"
+        return f"the rule chooses {self.chosen}, the default is {self.method.default}{self.method.kept}"
 
 
 def part_of_tolerance(margin: float) -> str:

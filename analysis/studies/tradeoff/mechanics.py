@@ -153,6 +153,7 @@ MESH = Method(
 BASIS = Method(
     "reduced-fem", "Reduced model: grid and shapes",
     "full solutions with prescribed elongation, at random states that no table is built from", True,
-    "the replay, which guarantees 0.1 % of the full model's tracked points", TRACKED_MM, "mm", "a state",
+    "the replay, which guarantees 0.1 % of the full model's tracked points", TRACKED_MM, "mm",
+    f"a state, {_STATES} at once",
     lambda _: _basis_name(TableSettings().pressures, TableSettings().modes), basis_settings, one_for_all=True,
 )  # fmt: skip

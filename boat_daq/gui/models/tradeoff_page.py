@@ -1,7 +1,7 @@
 """Speed and accuracy: the precision of the program; time and error of each method's default, as a chart and a table.
 
-Processor time is across and error up, both logarithmic. Errors of unlike units are compared by what is noticeable in
-each: 100 % is noticed, and the program's rule accepts half.
+Processor time is across and error up, both logarithmic. Errors of unlike units are compared as shares of the
+tolerance of each; the program's rule accepts half.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ PRECISIONS = {
 }
 MEASURE = "Measure this computer"
 MEASURE_TIP = "Takes some minutes, in a helper process"
-SHARE_TIP = "Error in percent of the smallest noticeable error; settings up to 50 % are accepted"
+SHARE_TIP = "Error in percent of the tolerance; settings up to 50 % are accepted"
 _HEADINGS = ("No.", "Method", "Default", "Time", "Error", "Share")
 _STRETCHED = (1, 2, 3, 4)
 _KEY = "● a method   ■ a whole job   lower: more exact   further left: faster"
@@ -106,13 +106,13 @@ class OverviewCard(PlotCard):
         item = pg.PlotItem(viewBox=PlotBox(), axisItems=axes, enableMenu=False)
         self.view.addItem(item, row=0, col=0)
         item.setMouseEnabled(False, False)  # what is shown is all there is
-        self.plot = Plot(item, "Error", "% of noticeable", x_title="Processor time of one call", x_unit="s")
+        self.plot = Plot(item, "Error", "% of tolerance", x_title="Processor time of one call", x_unit="s")
         self.plots.append(self.plot)
         self.points = {
             job: self.plot.points("Jobs" if job else "Methods", sensor_colour(2 if job else 1), symbol=symbol)
             for job, symbol in ((False, "o"), (True, "s"))
         }
-        self.noticed = self.plot.line(lambda t: t.muted, label="noticeable above")
+        self.noticed = self.plot.line(lambda t: t.muted, label="tolerance")
         accepted = self.plot.line(lambda t: t.ok, label="accepted below")
         for line, corner, percent in ((self.noticed, (0, 1), 100.0), (accepted, (0, 0), 100.0 / MARGIN)):
             line.label.anchors = [corner, corner]
@@ -143,7 +143,7 @@ class OverviewCard(PlotCard):
             for d in self.model.defaults
             if d.measured
         ]
-        names = ("method", "default", "processor time (s)", "for", "error", "unit", "error / noticeable error")
+        names = ("method", "default", "processor time (s)", "for", "error", "unit", "error / tolerance")
         return tables.by_column(names, rows)
 
 

@@ -42,10 +42,7 @@ RESULT_MAX_BYTES = 4_000_000  # a hundred times the largest
 
 @dataclass(frozen=True, slots=True)
 class Default:
-    """The default of one method: processor time (s) of a call and error, NaN where it was not measured or failed.
-
-    `tolerance` is the least error that is noticed.
-    """
+    """The default of one method: processor time (s) of a call and error, NaN where it was not measured or failed."""
 
     name: str
     setting: str = "not measured"
@@ -63,7 +60,7 @@ class Default:
 
     @property
     def share(self) -> float:
-        """Its error divided by the least that is noticed; NaN without a measurement, never zero."""
+        """Its error divided by the tolerance; NaN without a measurement, never zero."""
         return self.error / self.tolerance
 
 
@@ -79,7 +76,7 @@ def _default(m: Mapping[str, Any]) -> Default:
     points = {str(p["setting"]): p for p in m["points"]}
     setting, chosen = str(m["default"]), m["chosen"]
     choice = "" if chosen == setting else f"\nHere {chosen or 'no setting'} would be the fastest that is exact enough."
-    explanation = f"Noticed by {m['consumer']}; measured against {m['reference']}.{choice}"
+    explanation = f"Used by {m['consumer']}; measured against {m['reference']}.{choice}"
     p = points.get(setting)
     seconds, error = (math.nan, None) if p is None else (float(p["cpu_seconds"]), p["error"])
     return Default(

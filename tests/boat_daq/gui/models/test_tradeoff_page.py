@@ -112,7 +112,7 @@ def show_shipped(page, app_model, width):
 
 
 def test_each_default_has_its_point_in_sight_and_a_row(page, app_model):
-    """On the shipped measurement; error in percent of what is noticeable."""
+    """On the shipped measurement; error in percent of the tolerance."""
     show_shipped(page, app_model, 1156)
     card, table = page.overview, page.defaults
     (low_x, high_x), (low_y, high_y) = card.plot.item.getViewBox().viewRange()

@@ -64,27 +64,27 @@ def newest_calibration(units: UnitLibrary, name: str) -> CalibrationRecord | Non
     return None if unit is None or unit.calibration is None else record_of(unit, unit.calibration)
 
 
-ACCEPT = "boat-daq twin accept RUN"
-
-
 class NotCalibrated(RequestError):
-    """A unit has no accepted calibration."""
+    """A unit has no accepted calibration; `first` is what else is missing, with its remedy."""
+
+    def __init__(self, name: str, *, simulated: bool, first: tuple[str, str] = ("", "")) -> None:
+        kind = "simulated unit" if simulated else "unit"
+        cause = f"{kind} {name} has no accepted calibration" if name else "the unit is not named"
+        super().__init__(
+            f"{first[0]}{cause}",
+            f"{first[1]}accept a calibration of this unit first",
+            command="boat-daq twin accept RUN",
+        )
 
 
 def in_force(units: UnitLibrary, name: str) -> CalibrationRecord:
     found = newest_calibration(units, name)
     if found is None:
-        cause = missing_calibration(name, units.simulated)
-        raise NotCalibrated(cause, "accept a calibration of this unit first", command=ACCEPT)
+        raise NotCalibrated(name, simulated=units.simulated)
     if found.signal_unit != "mV":
         cause = f"the calibration of unit {name} is for signals in {found.signal_unit}, those of a board are in mV"
         raise RequestError(cause, "accept a calibration of this unit by the board first")
     return found
-
-
-def missing_calibration(name: str, simulated: bool) -> str:
-    kind = "simulated unit" if simulated else "unit"
-    return f"{kind} {name} has no accepted calibration" if name else "the unit is not named"
 
 
 def calibration_in_force(recording: Recording) -> CalibrationFile | None:

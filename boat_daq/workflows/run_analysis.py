@@ -11,11 +11,9 @@ import numpy as np
 from analysis.fidelity import Level
 from analysis.progress import Progress
 from boat_daq.workflows.calibration_in_force import (
-    ACCEPT,
     NotCalibrated,
     calibration_in_force,
     chosen_curve,
-    missing_calibration,
     stated_contributions,
 )
 from protocol.base.errors import BoatDaqError
@@ -87,9 +85,8 @@ def elongation_by_sensor(
             raise
         accepted = calibration_in_force(recording)
         if accepted is None:
-            cause = f"{error.cause}, and {missing_calibration(recording.unit, recording.simulated)}"
-            remedy = "give --calibration RUN, or accept a calibration of this unit"
-            raise NotCalibrated(cause, remedy, command=ACCEPT) from error
+            first = f"{error.cause}, and ", "give --calibration RUN, or "
+            raise NotCalibrated(recording.unit, simulated=recording.simulated, first=first) from error
     check_signals(accepted, recording.n_sensors, recording.signal_unit, simulated=recording.simulated)
     by = f"unit {recording.unit}, accepted {accepted.head['calibrated_utc']}"
     return measured_elongation(recording, accepted.reader().inverses), by

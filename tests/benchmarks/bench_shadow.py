@@ -16,7 +16,8 @@ from analysis.studies.tradeoff.mechanics import MESH
 from tests.benchmarks.lengths import WHOLE, benchmark_shadow, length
 from tests.verification.scikit_fem import make_scikit_fem_problem
 
-PAPER_FRAMES_PER_S = 2.0
+PAPER_FRAMES_PER_S = 2.0  # of its full model, on 16 cores
+SCREEN_FRAMES_PER_S = 60.0
 
 
 def test_newton_step_against_scikit_fem() -> None:
@@ -32,11 +33,13 @@ def test_newton_step_against_scikit_fem() -> None:
 
 
 def test_full_solutions() -> None:
-    """Warm-started solutions over a slow cycle."""
+    """Warm-started solutions over a slow cycle; the window shows the reduced model."""
     model = FullModel()
     rate = max(solutions_per_second(model.solver, length(200, 4)) for _ in range(length(3, 1)))
-    print(f"\nfull model: {rate:.0f} solutions/s, {rate / 60:.1f} times the target of 60")
-    assert rate > 0
+    print(
+        f"\nfull model: {rate:.0f} solutions/s of processor time, {rate / SCREEN_FRAMES_PER_S:.1f} times a screen's 60"
+    )
+    assert rate > length(SCREEN_FRAMES_PER_S, PAPER_FRAMES_PER_S)
 
 
 def test_reduced_states() -> None:
@@ -51,7 +54,8 @@ def test_reduced_states() -> None:
     frame = 1.0 / best_seconds(lambda: shadow.state(elongation_mm=1.0, pressure_kpa=20.0), length(300, 2))
     print(f"\nreduced model: built in {built:.1f} s, error bound {table.error_bound_mm:.1e} mm")
     print(f"{batch:,.0f} states/s in a batch, {single:,.0f} one by one; {frame:,.0f} whole frames/s,")
-    print(f"{frame / PAPER_FRAMES_PER_S:,.0f} times the paper's 2")
+    print(f"{frame / SCREEN_FRAMES_PER_S:,.0f} times the {SCREEN_FRAMES_PER_S:.0f} of the window's pane")
+    assert frame > length(SCREEN_FRAMES_PER_S, PAPER_FRAMES_PER_S)
     assert table.error_bound_mm < length(3.8e-3, 0.5)
 
 
@@ -67,12 +71,12 @@ def test_mesh_against_error() -> None:
 
 
 def solutions_per_second(solver: Solver, solutions: int) -> float:
-    """Measure warm-started solutions a second over one slow cycle of -40 .. +50 kPa."""
+    """Measure warm-started solutions a second of processor time over one slow cycle of -40 .. +50 kPa."""
     state = solver.solve(pressure_kpa=5.0)
-    begun = time.perf_counter()
+    begun = time.process_time()
     for k in range(1, solutions + 1):
         state = solver.solve(pressure_kpa=5.0 + 45.0 * float(np.sin(2.0 * np.pi * k / solutions)), start=state)
-    return solutions / (time.perf_counter() - begun)
+    return solutions / (time.process_time() - begun)
 
 
 def best_seconds(work: object, repeats: int) -> float:

@@ -109,7 +109,7 @@ class ActiveRecording:
     def end(self, end: RunEnd) -> Path | None:
         """Close the recording as it is, without a command to the board; return its path, None where there was none."""
         with self._control.acting():
-            recorder, self._journal.recorder = self._journal.recorder, None
+            recorder = self._journal.close()
             ending, reader = self._journal.ended or RunEnding(end), self._link.reader
         if recorder is None:
             return None

@@ -31,6 +31,7 @@ class Journal:
         self.messages: deque[Message] = deque(maxlen=MESSAGES)
         self.steps: dict[int, StepMark] = {}
         self.readings: list[Reading] = []
+        self.closed = 0  # number of the last step of a recording that is closed
         self.earlier = 0  # number of the last step on another clock than that of the samples on the screen
         self.ended: RunEnding | None = None  # the recording's last run
         self._last = 0
@@ -57,10 +58,17 @@ class Journal:
 
     def begin(self, recorder: Recorder, broken: BrokenRun | None = None) -> None:
         """Begin a recording, with the steps and readings of the run that it resumes."""
-        self.recorder, self.ended, self.broken = recorder, None, broken
+        self.recorder, self.ended, self.broken, self.closed = recorder, None, broken, 0
         self.steps = {mark.number: mark for mark in broken.marks} if broken else {}
         self.readings = list(broken.readings) if broken else []
         self.new_clock()
+
+    def close(self) -> Recorder | None:
+        """End the recording, whose readings are then corrected in its file; return its recorder."""
+        recorder, self.recorder = self.recorder, None
+        if recorder is not None:
+            self.closed = max(self.steps, default=0)
+        return recorder
 
     def new_clock(self) -> None:
         """Note that the samples to come are on another clock than the steps so far."""
@@ -77,6 +85,7 @@ class Journal:
         match effect:
             case StepChanged(mark, new):
                 self.steps[mark.number] = mark
+                self.closed = 0 if new else self.closed
                 if self.recorder is not None:
                     self.recorder.step(mark, new=new)
             case SegmentBreak(reason, paused):
@@ -101,7 +110,10 @@ class Journal:
             self.recorder.event(source, kind, value=value, text=text, time_us=time_us)
 
     def add_reading(self, reading: Reading) -> None:
-        """Keep a reading. RequestError: no such plateau, or no length that a unit can have."""
+        """Keep a reading. RequestError: no such plateau, none of this recording, or no length that a unit can have."""
+        if reading.step_id <= self.closed:
+            remedy = "correct its readings on the page Recordings"
+            raise RequestError("the recording of this run is closed", remedy)
         if reading.step_id not in self.steps:
             raise RequestError(f"there is no step {reading.step_id}", "give the number of a plateau of this recording")
         reading_row(reading)  # refuses what is no reading, also where nothing is recorded

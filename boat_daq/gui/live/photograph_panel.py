@@ -38,6 +38,7 @@ from protocol.base.units import NOTHING
 _KINDS: Final = ("png", "jpg", "jpeg", "bmp", "tif", "tiff")
 FILE_BYTES_MAX: Final = 200_000_000
 REMEDY: Final = "Copy or choose a PNG or JPEG of the millimetre grid."
+TAKE = "Take the reading"
 NO_PLATEAU = "Measured. No plateau needs a reading now: take it at the next one, or type it."
 _MARKS = ("scale 1", "scale 2", "rest", "tip")
 
@@ -135,7 +136,7 @@ class PhotographPanel(QDialog):
         self.distance = controls.field("Distance between scale marks in mm", "10", width=2 * style.CONTROL_HEIGHT)
         self.distance.textChanged.connect(lambda _: self._scale())
         self.value = controls.label(NOTHING, "title", name="Elongation read")
-        self.take = controls.button("Take the reading", self.accept_reading, "primary")
+        self.take = controls.button(TAKE, self.accept_reading, "primary")
         self.take.setDefault(True)
         self.take.setEnabled(False)
         head = controls.row(
@@ -185,11 +186,14 @@ class PhotographPanel(QDialog):
             self._refresh()
 
     def _refresh(self) -> None:
-        x = self.state.elongation_mm
-        waits = self.run.snapshot.waiting_for_reading is not None
+        x, waiting = self.state.elongation_mm, self.run.snapshot.waiting_for_reading
+        waits = waiting is not None
         text = self.state.instruction if waits or x is None else NO_PLATEAU
+        warning = self.run.readings.doubt(waiting.step_id, x) if waiting is not None and x is not None else ""
         question = f"   {self.run.readings.question(self.run.snapshot)}" if waits else ""
-        controls.set_text(self.instruction, text + question)
+        controls.set_text(self.instruction, f"\u25b2 {warning}{question}" if warning else text + question)
+        controls.set_state(self.instruction, "warning" if warning else "")
+        controls.set_text(self.take, "Take it anyway" if warning else TAKE)
         self.value.setText(self.run.readings.text(x) if x is not None else NOTHING)
         self.take.setEnabled(x is not None and waits)
         self.view.show_marks(self.state.clicks)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelIndex, Qt, Signal
@@ -20,7 +21,7 @@ from boat_daq.gui.widgets.data_table import dress
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.viewmodels.common.notices import Notice, Notices, Severity
 from boat_daq.viewmodels.common.services import Panel, Services
-from boat_daq.viewmodels.live.readings import SOON_S, TABLE_COLUMNS, ReadingsModel, Row
+from boat_daq.viewmodels.live.readings import SOON_S, TABLE_COLUMNS, ReadingsModel, Row, place
 from boat_daq.viewmodels.live.run_model import RunModel
 from protocol.base.errors import RequestError
 
@@ -44,6 +45,7 @@ class ReadingBar(QFrame):
         self.run, self.notices = run, services.notices
         self.step_id: int | None = None
         self._refusal: Notice | None = None
+        self._offers: dict[int, tuple[Notice, Path | None]] = {}  # by plateau: to enter what was typed, and the file
         self._due = ""  # the question of the plateau
         self._doubted: tuple[int | None, str] | None = None  # what Enter takes when it is pressed again
         self.question = controls.label("", "set", name="Reading that is due", elide=True)
@@ -86,6 +88,10 @@ class ReadingBar(QFrame):
         self.setVisible(shown)
         if step != self.step_id:
             self._leave()
+        for at, (offer, file) in list(self._offers.items()):
+            if at not in self.run.readings.typed or file != snapshot.recording:
+                self.notices.dismiss(offer)
+                del self._offers[at]
         if not shown:
             self.step_id = None
             return
@@ -136,7 +142,10 @@ class ReadingBar(QFrame):
         if at and step is not None:
             cause = f"{text} {readings.unit} was typed at {at}, but not entered before the run continued"
             offer = ("Enter it there", partial(readings.enter, step, text))
-            self.notices.add(Severity.WARNING, cause, "It is kept in the table of readings.", action=offer)
+            why = readings.warning(step, text).partition("? ")[2]
+            remedy = " ".join(filter(None, (why and f"{why}.", "It is kept in the table of readings.")))
+            notice = self.notices.add(Severity.WARNING, cause, remedy, action=offer)
+            self._offers[step] = notice, self.run.snapshot.recording
 
     def _enable(self, due: bool) -> None:
         """Allow an entry, or none; the focus stays in the field instead of moving to the next button."""
@@ -227,6 +236,7 @@ class ReadingsTableModel(QAbstractTableModel):
         super().__init__()
         self.readings, self.notices = readings, notices
         self.rows: list[Row] = []
+        self._doubted: tuple[int, str] | None = None  # taken when it is entered again
 
     def show_rows(self, rows: list[Row]) -> None:
         """Show other rows; present ones are updated in place, so that an edit is not lost."""
@@ -273,8 +283,18 @@ class ReadingsTableModel(QAbstractTableModel):
         return None
 
     def setData(self, index: Index, value: Any, role: int = Qt.ItemDataRole.EditRole) -> bool:
-        step = self.rows[index.row()].step.number
-        kept = self.notices.attempt(lambda: self.readings.enter(step, str(value)))
+        """Enter a reading; ask first, as the bar does, where it is far from what pressure and model allow."""
+        row, text = self.rows[index.row()], str(value).strip()
+        step, changed = row.step, row.typed or text != row.cells[EDITABLE]
+        warning = self.readings.warning(step.number, text) if changed else ""
+        asked, self._doubted = self._doubted, (step.number, text)
+        kept = False
+        if warning and asked != self._doubted:
+            self.readings.typed[step.number] = text
+            cause = f"{warning}, at {place(step, self.readings.units)}"
+            self.notices.add(Severity.WARNING, cause, f"Enter {text} again to take it.")
+        else:
+            kept = self.notices.attempt(lambda: self.readings.enter(step.number, text))
         self.corrected.emit()
         return kept
 

@@ -87,15 +87,15 @@ class UndoHistory:
 
     def undo(self) -> None:
         change = self.done.pop()
+        change.undo()  # one that raises is over: those before it can still be undone
         self.undone.append(change)
-        change.undo()
         self._report(f"Undone: {change.text}")
 
     def redo(self) -> None:
         """Apply the last undone change again."""
         change = self.undone.pop()
-        self.done.append(change)
         change.redo()
+        self.done.append(change)
         self._report(f"Redone: {change.text}")
 
 

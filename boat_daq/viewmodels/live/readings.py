@@ -212,11 +212,14 @@ class ReadingsModel:
 
     def warning(self, step_id: int, text: str) -> str:
         """Return why a typed elongation is far from what pressure and model allow; empty where it is not."""
-        steps = {step.number: step for step in readable(self.session.steps())}
         try:
-            mm = parse_mm(text, self.units)
+            return self.doubt(step_id, parse_mm(text, self.units))
         except RequestError:
             return ""
+
+    def doubt(self, step_id: int, mm: float) -> str:
+        """Return why an elongation is far from what pressure and model allow; empty where it is not."""
+        steps = {step.number: step for step in readable(self.session.steps())}
         if step_id not in steps:
             return ""
         step, latest = steps.pop(step_id), self.latest()

@@ -179,10 +179,10 @@ def test_pause_makes_segments(session: Session, tmp_path: Path) -> None:
     assert {row[0] for row in read(path, "SELECT DISTINCT cycle FROM step WHERE status = 'reached'")} >= {0, 2}
 
 
-def test_a_plateau_waits_for_its_reading(session: Session) -> None:
+def test_a_plateau_waits_for_its_reading(session: Session, tmp_path: Path) -> None:
     """The run holds at the plateau until the reading is there; skipped, it continues without."""
     with serve(BoardSettings(speed=50.0)) as board:
-        begin(session, board.url, wait_for_reading=True)
+        begin(session, board.url, tmp_path / "run.boat", wait_for_reading=True)
         seen = reached(session, lambda s: s.waiting_for_reading is not None, 10)
         assert seen.waiting_for_reading is not None and seen.waiting_for_reading.target_kpa == 50.0
         session.add_reading(seen.waiting_for_reading.step_id, 3.8, "typed")
@@ -191,7 +191,10 @@ def test_a_plateau_waits_for_its_reading(session: Session) -> None:
         seen = reached(session, lambda s: s.progress is not None and s.progress.step == 3, 10)
         assert seen.progress is not None and seen.progress.step == 3
         assert session.steps_on_screen() == session.steps()
-        session.stop()
+        session.stop_recording()
+        with pytest.raises(RequestError, match="is closed"):  # it was kept in the table, and in no file
+            session.add_reading(2, 3.0, "typed")
+        assert [reading.step_id for reading in session.readings()] == [1]
         session.disconnect()
         reached(session, lambda s: s.link is LinkState.CLOSED, 10)
         session.connect(board.url)  # on its clock the earlier steps have no place on the screen

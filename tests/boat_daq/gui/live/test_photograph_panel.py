@@ -11,6 +11,7 @@ from PySide6.QtWidgets import (
     QApplication,
 )
 
+from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import (
     ReadingRequest,
     SessionState,
@@ -110,7 +111,12 @@ def test_photograph_gives_a_reading(make, tmp_path):
     panel.load(tmp_path / "grid.png")
     for x in (20.0, 120.0, 150.0, 173.0):
         panel.view.clicked.emit(x, 50.0)
-    assert panel.value.text() == "+2.30 mm"
+    assert (panel.value.text(), panel.take.text()) == ("+2.30 mm", "Take the reading")
+    session.marks = (StepMark(3, 1, "unloading", 30.0, 10.0, 0),)
+    window.model.readings._nominal = lambda kpa: (10.0, 0.5)
+    panel.refresh()
+    assert panel.instruction.text().startswith("\u25b2 +2.30 mm? Model +10.0")
+    assert panel.take.text() == "Take it anyway"
     panel.take.click()
     assert (session.kept[-1].elongation_mm, session.kept[-1].source) == (2.3, "photograph")
     assert session.kept[-1].resolution_mm < 1.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import pytest
 from PySide6.QtCore import Qt
@@ -177,6 +178,14 @@ def test_half_typed_reading_does_not_land_on_the_next_plateau(running):
     at_plateau(running, ASKED)
     QTest.keyClicks(bar.field, "1.5")
     at_plateau(running, LATER)
+    offer = running.model.notices.current()
+    session.change(recording=Path("other.boat"))  # the file of the run is closed: nothing can be entered there
+    running.refresh()
+    assert running.model.notices.current() is not offer
+    session.change(recording=None)
+    at_plateau(running, ASKED)
+    QTest.keyClicks(bar.field, "1.5")
+    at_plateau(running, LATER)
     assert (bar.field.text(), session.kept) == ("", [])
     notice = running.model.notices.current()
     assert notice.cause == "1.5 mm was typed at +20 kPa, unloading, cycle 1, but not entered before the run continued"
@@ -235,6 +244,26 @@ def test_implausible_reading_is_warned_of_beside_its_field(running):
     assert running.model.session.kept[-1].elongation_mm == 14.0
     assert running.model.notices.current() is None  # the refusal is over
     assert (bar.question.property("state"), bar.field.accessibleDescription()) == ("", "")
+
+
+def test_implausible_reading_of_the_table_is_asked_for_again(running):
+    """A far one typed into the table was taken at once; a correct one, and the same again, are taken."""
+    running.model.readings._nominal = lambda kpa: (0.07 * kpa, 0.55)
+    session = running.model.session
+    at_plateau(running, ASKED)
+    table = running.live.show_readings().model
+    at = table.index(len(table.rows) - 1, 3)
+    for text in ("14", "1.5", "15"):
+        table.setData(at, text)
+    assert [reading.elongation_mm for reading in session.kept] == [1.5]
+    assert running.model.notices.current().cause == "+15.00 mm? Model +1.4 \u00b11.1 mm, at +20 kPa, unloading, cycle 1"
+    running.refresh()
+    assert (table.data(at, Qt.ItemDataRole.EditRole), table.rows[at.row()].cells[4]) == ("15", "15: not entered")
+    table.setData(at, "15")
+    assert [reading.elongation_mm for reading in session.kept] == [1.5, 15.0]
+    running.refresh()
+    table.setData(at, table.rows[at.row()].cells[3])  # nothing is changed
+    assert len(session.kept) == 2
 
 
 def test_reading_is_typed_and_shown_in_the_chosen_units(running):

@@ -243,7 +243,8 @@ def test_readings_are_corrected_in_a_panel(live, tmp_path, qtbot):
     live.pages["Calibration"].readings.click()
     (panel,) = live.findChildren(ClosedReadings)
     before, index = panel.table.model.rows[2].cells[3], panel.table.model.index(2, 3)
-    panel.table.model.setData(index, "1.25")
+    for _ in range(2):  # the first is asked for again: it is far from the others
+        panel.table.model.setData(index, "1.25")
     qtbot.waitUntil(lambda: index.data() == "1.25", timeout=10_000)
     live.model.undo.undo()
     qtbot.waitUntil(lambda: index.data() == before, timeout=10_000)

@@ -33,6 +33,8 @@ def test_readings_of_a_recording_are_edited(make, tmp_path, qtbot):
     model = panel.table.model
     assert model.readings.headings[2] == "mbar"
     model.setData(model.index(2, 3), "1.25")
+    assert ClosedRun(path).readings() == before  # far from the others: it is asked for again
+    model.setData(model.index(2, 3), "1.25")
     assert ClosedRun(path).readings()[-1].elongation_mm == 1.25
     run_shortcut(window, "Ctrl+Z")
     assert ClosedRun(path).readings()[-1].elongation_mm == pytest.approx(float(before[2].elongation_mm))

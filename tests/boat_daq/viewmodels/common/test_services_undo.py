@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from boat_daq.viewmodels.common.services import Change, UndoHistory
 
 
@@ -21,3 +23,16 @@ def test_changes_are_undone_in_order():
     assert values == [0, 1, 3]
     assert history.undone == []
     assert reported == ["Undone: 2", "Redone: 2", "Undone: 2"]
+
+
+def test_change_that_can_no_longer_be_undone_does_not_block_those_before_it():
+    """The reading of a closed recording was counted as undone, then as redone."""
+    values = [0]
+    history = UndoHistory()
+    history.push(Change("1", lambda: values.append(1), values.pop))
+    history.push(Change("2", lambda: None, {}.popitem))
+    with pytest.raises(KeyError):
+        history.undo()
+    assert history.undone == []
+    history.undo()
+    assert values == [0]

@@ -173,7 +173,7 @@ def _bars(axes: Axes, point: CostPoint, x: float, y: float, floor: float) -> Non
 def _number(axes: Axes, measured: Measured, at: Mapping[str, Place]) -> None:
     """Number the settings, and list their names beside the chart; those in use also have their levels."""
     default = measured.method.default
-    levels = {name: level for level, name in measured.method.in_code.items() if name != default}
+    levels: dict[str, str] = {name: level for level, name in measured.method.in_code.items() if name != default}
     if default.endswith("rays") and default != _PAPER:
         levels[_PAPER] = "the paper's, and of optics sweep"
     names = []

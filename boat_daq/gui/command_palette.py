@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from PySide6.QtCore import QEvent, QObject, Qt, QUrl
-from PySide6.QtGui import QImage, QKeyEvent, QKeySequence, QShowEvent
+from PySide6.QtGui import QImage, QKeyEvent, QKeySequence, QShowEvent, QTextCursor
 from PySide6.QtWidgets import (
     QDialog,
     QGridLayout,
@@ -197,6 +197,12 @@ class Tutorial(QDialog):
         self.shown = _Pages(page.parent)
         without_links = re.sub(r"(?<!!)\[([^]]+)\]\([^)]+\)", r"\1", page.read_text(encoding="utf-8"))
         self.shown.setMarkdown(without_links)
+        block = self.shown.document().begin()
+        while block.isValid():
+            space = block.blockFormat()
+            space.setTopMargin((2 if space.headingLevel() else 1) * style.GAP)
+            QTextCursor(block).setBlockFormat(space)
+            block = block.next()
         self.setLayout(controls.column(self.shown))
         self.resize(_PICTURE + 2 * style.STRIP_HEIGHT, max(parent.height() - 2 * style.STRIP_HEIGHT, _PICTURE))
 
@@ -213,4 +219,7 @@ class _Pages(QTextBrowser):
         picture = QImage(str(self._folder / QUrl(name).path()))
         if picture.isNull():
             return super().loadResource(kind, name)
-        return picture.scaledToWidth(_PICTURE, Qt.TransformationMode.SmoothTransformation)
+        ratio = self.devicePixelRatioF()
+        picture = picture.scaledToWidth(round(ratio * _PICTURE), Qt.TransformationMode.SmoothTransformation)
+        picture.setDevicePixelRatio(ratio)
+        return picture

@@ -56,7 +56,7 @@ class ConnectPanel(QDialog):
             (("Port", self.port), ("Unit", self.unit), ("Other firmware", self.profile))
         ):
             grid.addWidget(controls.label(text), i, 0, top if control is self.profile else Qt.AlignmentFlag(0))
-            grid.addWidget(control, i, 1)
+            grid.addWidget(control, i, 1, top if control is self.profile else Qt.AlignmentFlag(0))
             if control is self.port:  # in its place in the order of Tab
                 grid.addWidget(controls.button("Rescan", self.rescan), i, 2)
         grid.addLayout(controls.column(controls.button("Open …", self._open_profile), None), 2, 2)

@@ -5,6 +5,7 @@ The strip shows the most severe notice with its remedy and action, and the runni
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -107,7 +108,7 @@ class Header(QWidget):
         shown = [label for label in self.figures if label.text()]
         left = [label for label in reversed(shown) if not label.property("state")]
         unit, _, calibration = self._unit_text.partition(SEPARATOR)
-        undated = " ".join(word for word in calibration.split(" ") if not word[:1].isdigit())
+        undated = re.sub(r" \d[\d-]+", "", calibration)
         names = [self._unit_text, SEPARATOR.join((unit, undated)), unit]
         widths = {name: self.unit.fontMetrics().horizontalAdvance(name) for name in names}
         around = self.unit.sizeHint().width() - self.unit.fontMetrics().horizontalAdvance(self.unit.text())

@@ -131,6 +131,7 @@ VIRIDIS_USED = (0.32, 0.84)  # without the ends that a dark and a light ground w
 BAND_OPACITY = 56  # of 255: a band lets the grid and the curve through
 BAND_ALPHA_WIDE = 30
 RAY_ALPHA = 90
+PAST_ALPHA = 150  # of curves of cycles before the last one
 STALE_OPACITY = 0.35  # of data that have ended
 
 
@@ -141,6 +142,7 @@ def style_sheet(theme: Theme) -> str:
         colours,
         icons=(HERE / "icons").as_posix(),
         fault_text="#ff8a86" if theme.name == "dark" else theme.fault,
+        under_icons=theme.target if theme.name == "dark" else theme.surface,  # Qt's own icons are dark
         font_chrome=FONT_CHROME, font_small=FONT_SMALL, font_set=FONT_SET, font_title=FONT_TITLE,
         radius=RADIUS, inner_height=CONTROL_HEIGHT - 8, vent_height=VENT_HEIGHT - 4, vent_width=VENT_WIDTH - 4,
         vent_focus_height=VENT_HEIGHT - 8, vent_focus_width=VENT_WIDTH - 8,

@@ -61,7 +61,9 @@ def list_ports() -> list[PortInfo]:
     Pseudo-terminals and TCP are not among them.
     """
     found = [
-        PortInfo(p.device, p.description, p.serial_number or "", (p.location or "").partition(":")[2])
+        PortInfo(
+            p.device, p.description.removeprefix("n/a"), p.serial_number or "", (p.location or "").partition(":")[2]
+        )
         for p in system_ports.comports()
     ]
     return sorted(found, key=lambda port: port.port)

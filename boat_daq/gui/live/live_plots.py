@@ -41,6 +41,11 @@ _DOT_EVERY_PX = 3  # from one dot of a limit to the next
 AROUND_PX = 2  # a line's width, and the rounding of its end
 
 
+def _past(theme: style.Theme) -> str:
+    """Return the colour of the cycles before the last one."""
+    return style.faint(theme.muted, style.PAST_ALPHA)
+
+
 def value_text(quantity: str, values: Mapping[str, float], model: LiveModel) -> str:
     """Return a value at the mouse with its unit; elongations with their bands."""
     if quantity == CAMERA and math.isfinite(values[CAMERA]):
@@ -96,7 +101,7 @@ class LivePlots(PlotCard):
         self.curves[ELONGATION] = self.length.curve("Elongation", lambda t: t.elongation, gaps=True)
         self.curves[PRESSURE] = self.pressure.curve("Pressure", lambda t: t.pressure, gaps=True)
         self.target = self.pressure.curve("Target", lambda t: t.target, gaps=True, pen_style=Qt.PenStyle.DashLine)
-        self.limits = self.pressure.curve("Limits", lambda t: t.fault, gaps=True, pen_style=Qt.PenStyle.DotLine)
+        self.limits = self.pressure.curve("Limits", lambda t: t.warn, gaps=True, pen_style=Qt.PenStyle.DotLine)
         for quantity, plot in ((ELONGATION, self.length), (PRESSURE, self.pressure)):
             self.layers[quantity] = list(plot.layers)
         self.limits_kpa: list[float] = []
@@ -516,7 +521,7 @@ class OverlayPlots(PlotCard):
             channel = channels.get(name)
             name_, unit_ = (channel.title, channel.unit) if channel is not None else (title(name), "mV")
             plot = self._plots[name] = self.add(name_, unit_, x_title="Time in the cycle", x_unit="s", time=True)
-            faint = [plot.curve(f"{n} cycles ago", lambda t: t.line) for n in range(CYCLES_KEPT - 1, 0, -1)]
+            faint = [plot.curve(f"{n} cycles ago", _past) for n in range(CYCLES_KEPT - 1, 0, -1)]
             if channel is not None:
                 self.others[name] = [*faint, plot.curve("This cycle", lambda t: t.target)]
             else:

@@ -52,7 +52,7 @@ class PlanEditorPanel(QDialog):
         self.card = PlotCard("Preview of the plan", show_title=False)
         self.plot = self.card.add("Pressure", "kPa", x_title="Time", x_unit="s", time=True)
         self.curve = self.plot.curve("Plan", lambda t: t.pressure)
-        self.limits = self.plot.curve("Limits", lambda t: t.fault, gaps=True, pen_style=Qt.PenStyle.DotLine)
+        self.limits = self.plot.curve("Limits", lambda t: t.warn, gaps=True, pen_style=Qt.PenStyle.DotLine)
         self.readings = self.plot.points("Readings", lambda t: t.text, filled=False)
         self.setLayout(self._layout())
         for keys, act in (("Ctrl+Z", self._undo), ("Ctrl+Shift+Z", self._redo)):

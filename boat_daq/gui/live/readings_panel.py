@@ -313,13 +313,13 @@ class ReadingsView(QTableView):
         self.setModel(rows)
         dress(self, "Readings of elongation")
         self.setAlternatingRowColors(True)
-        self.setProperty("role", "dense")
-        self.horizontalHeader().setProperty("role", "dense")
         self.horizontalHeader().setSectionResizeMode(REMARK, QHeaderView.ResizeMode.Stretch)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Leave the remarks to the tooltips in a narrow pane: pressures and readings are never cut."""
         self.setColumnHidden(REMARK, self.width() < style.PANE_WIDTH_NARROW + 4 * style.STEP)
+        for part in (self, self.horizontalHeader()):
+            controls.set_state(part, "dense" if self.width() < style.PANE_WIDTH_WIDE else "", "role")
         super().resizeEvent(event)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:

@@ -101,7 +101,7 @@ class StaircasePicture(QWidget):
             return QPointF(box.left() + point[0] * box.width(), box.bottom() - point[1] * box.height())
 
         for height in self.drawing.limits:
-            painter.setPen(QPen(QColor(self.theme.fault), 1, Qt.PenStyle.DotLine))
+            painter.setPen(QPen(QColor(self.theme.warn), 1, Qt.PenStyle.DotLine))
             painter.drawLine(at((0.0, height)), at((1.0, height)))
         painter.setPen(QPen(QColor(self.theme.line), 1))
         painter.drawLine(at((0.0, self.drawing.zero)), at((1.0, self.drawing.zero)))

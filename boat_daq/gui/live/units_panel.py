@@ -38,10 +38,12 @@ class UnitsPanel(QDialog):
         self.length.editingFinished.connect(self._set_length)
         self.grid.addWidget(controls.label("Length at rest, mm"), len(_NAMES), 0)
         self.grid.addWidget(self.length, len(_NAMES), 1)
+        for control in (*self.units.values(), self.length):
+            control.setFixedWidth(style.PANE_WIDTH_NARROW)
         usual = controls.button("Stored units", partial(self._use, STORED_UNITS))
         words = controls.label(_EXPLANATION, "muted", wrap=True)
         close = controls.button("Close", self.close)
-        self.setLayout(controls.column(words, self.grid, controls.row(usual, None, close)))
+        self.setLayout(controls.column(words, self.grid, controls.row(usual, None, close), spacing=style.CARD_PADDING))
         self.refresh()
 
     def refresh(self) -> None:

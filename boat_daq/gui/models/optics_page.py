@@ -323,8 +323,10 @@ class OpticsPage(ReflowingPage):
         self.details_button.setCheckable(True)
         self.best_button = controls.button("Show best", self.model.show_best)
         self.paper_button = controls.button("Show paper's", self.model.show_paper)
-        shows = controls.row(self.best_button, self.paper_button)
-        buttons = controls.column(shows, controls.row(self.sweep_button, self.details_button))
+        buttons = QGridLayout()
+        four = self.best_button, self.paper_button, self.sweep_button, self.details_button
+        for i, button in enumerate(four):
+            buttons.addWidget(button, i // 2, i % 2)
         return controls.row((texts, 1), buttons)
 
     def _sweep(self) -> None:

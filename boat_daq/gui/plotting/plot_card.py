@@ -171,9 +171,12 @@ class PlotCard(QFrame):
 
     def link_x(self) -> None:
         """Link the horizontal ranges of all plots to the first one's."""
-        first = self.plots[0].item
+        first, unit = self.plots[0].item, self.plots[-1].x_unit
         for plot in self.plots[1:]:
             plot.item.setXLink(first)
+        for plot in self.plots:
+            if not plot.x_title:  # a cursor names the unit above the labelled axis, too
+                plot.label_x("", unit)
 
     def show_empty(self, text: str) -> None:
         """Show `text` in place of the plots, as empty axes look like data; an empty text shows the plots."""

@@ -328,7 +328,9 @@ class CalibrationPage(QWidget):
             self.services.show(Panel.PLAN)
 
     def _side(self) -> QWidget:
-        self.coefficients = DataTable("Coefficients of this calibration and the previous one", COMPARED)
+        self.coefficients = DataTable(
+            "Coefficients of this calibration and the previous one", COMPARED, right=(1, 2, 3)
+        )
         self.comparison = controls.label("", "small", wrap=True)
         self.comparison.setAlignment(Qt.AlignmentFlag.AlignTop)
         compared = controls.column(style.GAP, self.comparison, (self.coefficients, 1), spacing=style.GAP)

@@ -117,10 +117,11 @@ class CycleFigureCard(PlotCard):
             self._show_sensor(i, sensor.cycles, numbers, shown.key)
         limit, text = model.limit(shown)
         if np.isfinite(limit):
-            self._mark(self.plot.line(lambda t: t.warn, at=limit, label=text, style_=Qt.PenStyle.DotLine))
+            self._mark(self.plot.line(lambda t: t.warn, at=limit, style_=Qt.PenStyle.DotLine))
         for found in model.result.breaks:
             self._mark(self.plot.line(lambda t: t.warn, at=found.at_cycle, vertical=True, label="interrupted"))
-        self.readout.setText("  ".join(f"{symbol} sensor {n}" for n, symbol in enumerate(FILLED[: len(sensors)], 1)))
+        names = [f"{symbol} sensor {n}" for n, symbol in enumerate(FILLED[: len(sensors)], 1)]
+        self.readout.setText("  ".join([*names, f"\u2508 {text}"] if text else names))
         drawn = any(points.y.size for points in self.sensors)
         self.show_empty(model.no_figure(shown) or ("" if drawn else NO_FIGURE))
         controls.set_text(self.note, model.note(shown))

@@ -99,7 +99,7 @@ class RunsPage(QWidget):
         self._revision = -1
         self._compared: object = None
         self._untouched = True  # until then the newest recording is chosen
-        self.list = DataTable("Recordings", RUN_HEADINGS)  # a long file name is cut, not scrolled
+        self.list = DataTable("Recordings", RUN_HEADINGS, right=(3, 4, 5))  # a long file name is cut, not scrolled
         self.list.verticalHeader().setDefaultSectionSize(style.THUMBNAIL[1])
         self.list.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.Fixed)
         self.thumbnail = Thumbnail(self.list)

@@ -144,7 +144,7 @@ def menu_button(text: str, tip: str) -> QToolButton:
     made.setAccessibleName(text)
     made.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
     made.setMenu(QMenu(made))
-    made.setFixedHeight(style.CONTROL_HEIGHT + 2)  # as high as the buttons beside it, with their border
+    made.setFixedHeight(style.CONTROL_HEIGHT)  # as high as the buttons beside it
     return made
 
 

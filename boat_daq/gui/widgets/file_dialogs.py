@@ -10,6 +10,7 @@ from PySide6.QtCore import Qt, QUrl
 from PySide6.QtGui import QDesktopServices
 from PySide6.QtWidgets import QFileDialog, QWidget
 
+from boat_daq.gui import style
 from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.services import Services
 
@@ -22,7 +23,9 @@ class FileDialog(QFileDialog):
     def __init__(self, parent: QWidget, title: str, folder: str, kinds: str) -> None:
         super().__init__(parent, title, folder, kinds)
         option = QFileDialog.Option
-        self.setOptions(option.DontUseNativeDialog | option.DontConfirmOverwrite | option.ReadOnly)
+        usual = option.DontUseNativeDialog | option.DontConfirmOverwrite | option.ReadOnly
+        self.setOptions(usual | option.HideNameFilterDetails)
+        self.resize(style.PAGE_WIDTH, style.STACKED_TABLE)  # every column of its list is seen
         self._confirmed: Path | None = None
 
     def accept(self) -> None:

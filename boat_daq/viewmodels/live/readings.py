@@ -91,12 +91,13 @@ class Row:
     def cells(self) -> tuple[str, ...]:
         """Return the row as text: cycle, branch, pressure, elongation, remark."""
         mm = self.units.shown("mm")
+        apart = self._length(self.apart_mm or 0.0, 1).partition(" ")[0]  # the unit is in the heading beside it
         return (
             str(self.step.cycle) if self.step.cycle else NOTHING,
             BRANCH_WORDS[self.step.branch].partition(" ")[0],
             target(self.step.target_kpa, self.units).rpartition(" ")[0],
             "" if self.elongation_mm is None else number(mm.value(self.elongation_mm), mm.decimals(2)),
-            self._remark[0] or self._far if self.apart_mm is None else f"{self._length(self.apart_mm, 1)}?",
+            self._remark[0] or self._far if self.apart_mm is None else f"{apart}?",
         )
 
 

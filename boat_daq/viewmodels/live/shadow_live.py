@@ -247,6 +247,8 @@ class ShadowLive:
             band = LOOP_HALF_WIDTH_MM + math.hypot(half - LOOP_HALF_WIDTH_MM, now.expanded)
             inside = abs(deviation) <= band
             level, mark = ("ok", "\u25cf inside the band") if inside else ("warning", "\u25b2 outside the band")
+            if math.isnan(band):
+                level, mark = "", "U not known: not judged"
             lines.append(("Deviation", in_units(self._live.units, "mm", deviation, 2, band=band), level))
             lines.append(("", mark, level))
         if can_be_unstable(place[0], place[1] - nominal) and place_of(*place) in self._unstable:

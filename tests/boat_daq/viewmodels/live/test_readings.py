@@ -44,7 +44,7 @@ def test_warning_names_plateau_and_distance():
     mark = session.marks[13]
     session.add_reading(14, elongation(mark) + 2.0, "typed")
     row = ReadingsModel(session, UndoHistory()).rows(session.snapshot())[13]
-    assert row.cells[-1].startswith("+") and row.cells[-1].endswith(" mm?")
+    assert row.cells[-1].startswith("+") and row.cells[-1].endswith("?")
     assert (mark.target_kpa, mark.branch, mark.cycle) == (0.0, "loading", 1)
     assert " mm at 0 kPa, loading, cycle 1, the other readings give " in row.tip
 

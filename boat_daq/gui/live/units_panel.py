@@ -25,7 +25,8 @@ class UnitsPanel(QDialog):
         self.setWindowTitle("Units of the values")
         self.setMinimumWidth(style.FORM_WIDTH)
         self.grid = QGridLayout()
-        self.grid.setColumnStretch(1, 1)
+        self.grid.setColumnStretch(2, 1)  # the fields are beside their names
+        self.grid.setVerticalSpacing(style.STEP)
         self.units: dict[str, QComboBox] = {}
         for row, (quantity, name) in enumerate(_NAMES.items()):
             entries = [

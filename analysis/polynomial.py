@@ -198,5 +198,5 @@ def _check(x: FloatArray, y: FloatArray, degree: int, weights: FloatArray | None
     if distinct == 1 and degree > 0:
         raise DataError(f"all {x.size} x are equal ({x[0]:g})", "A curve needs points at different x.")
     if distinct < degree + 1:
-        cause = f"{distinct} distinct x where degree {degree} needs {degree + 1}"
+        cause = f"only {distinct} different positions; degree {degree} needs {degree + 1}"
         raise DataError(cause, "Measure at more positions, or choose a lower degree.")

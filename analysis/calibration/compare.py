@@ -93,7 +93,7 @@ def between_calibrations_mm(calibrations: Sequence[Calibration], x_mm: float) ->
     """
     fits = [c for c in calibrations if c.x_range[0] <= x_mm <= c.x_range[1]]
     if len(fits) < 2:
-        raise RequestError(f"fewer than two runs are calibrated at {x_mm:+.2f} mm", "Record another calibration.")
+        raise RequestError(f"fewer than two runs are calibrated at {x_mm:+z.2f} mm", "Record another calibration.")
     values = np.asarray([float(c.predict(x_mm)) for c in fits])
     by_fit = np.mean([float(c.curve_parts(x_mm)[0]) ** 2 for c in fits])  # the grid rounds alike in every run
     slope = float(np.mean([float(c.slope(x_mm)) for c in fits]))

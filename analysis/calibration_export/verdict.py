@@ -222,7 +222,7 @@ def _code_of(
     """Return what decides the verdict and the reason; a reading that is off may be why a curve turns."""
     for sensor in analysis.sensors:
         if sensor.calibration is None:
-            return VerdictCode.NO_CURVE, f"{sensor_text(sensor.name)}: {sensor.calibration_void}"
+            return VerdictCode.NO_CURVE, f"{sensor_text(sensor.name)} ({sensor.calibration_void})"
     if readings:
         return VerdictCode.READINGS_TO_CHECK, unknown
     for sensor in analysis.sensors:

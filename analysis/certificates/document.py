@@ -133,7 +133,7 @@ def _results(sensor: CalibratedSensor) -> tuple[SectionPart, ...]:
         lengths = (level.elongation_mm, level.indicated_mm, level.deviation_mm, level.expanded_mm)
         x, indicated, deviation, expanded = (rounded(length, level.expanded_mm) for length in lengths)
         kpa = round(level.pressure_kpa, 1)
-        pressure, signal = f"{kpa:+.1f}" if kpa else "0.0", f"{level.signal_mv:.{sensor.places()}f}"
+        pressure, signal = f"{kpa:+z.1f}" if kpa else "0.0", f"{level.signal_mv:.{sensor.places()}f}"
         covered = f"{COVERAGE_FACTOR:g}", percent(level.coverage), str(level.n)
         rows.append((level.branch, pressure, x, signal, indicated, deviation, expanded, *covered))
     header = (
@@ -155,7 +155,7 @@ def _curves(item: CalibratedItem) -> list[SectionPart]:
 
 def _function(calibration: Calibration) -> tuple[SectionPart, ...]:
     low, high = calibration.x_range
-    valid = f"Valid from {low:+.2f} to {high:+.2f} mm"
+    valid = f"Valid from {low:+z.2f} to {high:+z.2f} mm"
     adequacy = "" if calibration.adequacy is None else f" Curve {calibration.adequacy.verdict}."
     if calibration.spline is not None:
         return (
@@ -212,7 +212,7 @@ def _as_found(certificate: Certificate) -> tuple[str, ...]:
             if found is not None:
                 worst = found.worst
                 agrees = {True: "agrees", False: "does not agree", None: "cannot be compared"}[found.agrees]
-                most = f"{found.difference_mm[worst]:+.3f} mm at {found.grid[worst]:+.2f} mm"
+                most = f"{found.difference_mm[worst]:+z.3f} mm at {found.grid[worst]:+z.2f} mm"
                 texts.append(
                     f"As found, {item.name}, {sensor.name}: the calibration of {item.previous[:10]} {agrees} with this "
                     f"one; the largest difference is {most} (En = {found.e_n[worst]:.2f})."

@@ -140,7 +140,7 @@ def import_two(
     one["time_s"] = one["time_s"] - one["time_s"][0]
     values = _joined(one, two, both)
     notes = [*meta.pop("import_notes", ()), *second_meta.get("import_notes", ())]
-    text = f"{second.name} begins {offset_s:+.4f} s after {first.name}, {how}, standard uncertainty {u_s:.2g} s"
+    text = f"{second.name} begins {offset_s:+z.4f} s after {first.name}, {how}, standard uncertainty {u_s:.2g} s"
     issues = [*meta.pop("import_issues", ()), *second_meta.get("import_issues", ())]
     meta |= {
         "imported_from": f"{first.name}, {second.name}", "import_files": [first.name, second.name],

@@ -49,7 +49,7 @@ _STOPS = {
         "choose setpoints where the sensors are steeper, or raise the bound",
     ),
     StopCode.NOT_FOLLOWING: (
-        "the elongation does not follow: {away:+.2f} mm from its setpoint",
+        "the elongation does not follow: {away:+z.2f} mm from its setpoint",
         "check for a leak and that the pump runs, or identify the unit again",
     ),
 }

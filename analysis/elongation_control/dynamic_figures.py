@@ -86,8 +86,8 @@ class DynamicCalibration:
         return tuple(
             (
                 f"{p.frequency_hz:g} Hz" + (f", {p.amplitude_mm:g} mm" if math.isfinite(p.amplitude_mm) else ""),
-                f"{p.gain_db:+.2f} ± {2 * p.u_gain_db:.2f}",
-                f"{p.phase_deg:+.2f} ± {2 * p.u_phase_deg:.2f}",
+                f"{p.gain_db:+z.2f} ± {2 * p.u_gain_db:.2f}",
+                f"{p.phase_deg:+z.2f} ± {2 * p.u_phase_deg:.2f}",
             )
             for p in self.bode
         )

@@ -74,7 +74,7 @@ class CheckedReading:
 
     @property
     def long_text(self) -> str:
-        return f"{self.mm:+.2f} mm at {self.place}, {self.why}"
+        return f"{self.mm:+z.2f} mm at {self.place}, {self.why}"
 
     def as_json(self) -> dict[str, Any]:
         """Return an entry of `check`."""

@@ -172,7 +172,7 @@ def _lost_plateaus_text(run: SegmentedRun) -> str:
 def _excursions_text(excursions: Sequence[Excursion], time_s: FloatArray) -> str:
     """Return one text for all reversals that make no cycle: their count, and the widest of them."""
     widest = max(excursions, key=lambda e: e.high_kpa - e.low_kpa)
-    where = f"{widest.low_kpa:+.1f} to {widest.high_kpa:+.1f} kPa at {time_s[widest.first]:.1f} s"
+    where = f"{widest.low_kpa:+z.1f} to {widest.high_kpa:+z.1f} kPa at {time_s[widest.first]:.1f} s"
     if len(excursions) == 1:
         return f"a reversal from {where} is {widest.reason}"
     return f"{len(excursions)} reversals are {widest.reason}, the widest from {where}"

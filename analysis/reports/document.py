@@ -16,7 +16,7 @@ from protocol.base.units import MINUS, NOTHING
 
 Draw = Callable[[Axes], None]
 _NUMBER = r"[+-]?[0-9]+(?:\.[0-9]+)?"
-PAIR = re.compile(rf"^({_NUMBER})(?:( ± )({_NUMBER}))?$")
+PAIR = re.compile(rf"^({_NUMBER})(?:( ± | … )({_NUMBER}))?$")
 _NUMBERS = re.compile(rf"^[<>±] ?{_NUMBER}|^{_NUMBER}|^[+-]?∞")
 _HYPHEN = re.compile(r"(?<![\w.)\-/])(?<!:\d\d )-(?=[0-9])")
 DIGIT_SPACE, POINT_SPACE = "\u2007", "\u2008"  # as wide as a digit, as a point
@@ -90,7 +90,7 @@ def right_aligned(table: ReportTable) -> tuple[bool, ...]:
 
 
 def aligned(table: ReportTable) -> ReportTable:
-    """Return the table with numbers padded so that right-aligned columns meet at the decimal point and at the ±."""
+    """Return the table with numbers padded so that right-aligned columns meet at the decimal points, in pairs too."""
     columns = [list(column) for column in zip(*table.rows, strict=True)] if table.rows else []
     for column, right in zip(columns, right_aligned(table), strict=bool(columns)):
         column[:] = _aligned_column(column) if right else map(typeset, column)
@@ -98,7 +98,7 @@ def aligned(table: ReportTable) -> ReportTable:
 
 
 def _aligned_column(column: list[str]) -> list[str]:
-    """Pad plain numbers, and pairs of them (value ± uncertainty), to the same places."""
+    """Pad plain numbers, and pairs of them (value ± uncertainty, low … high), to the same places."""
     split = [PAIR.match(cell) for cell in column]
     places = [[_decimals(part) for part in m.group(1, 3) if part] if m else [] for m in split]
     most = [max((p[k] for p in places if len(p) > k), default=0) for k in (0, 1)]

@@ -81,7 +81,7 @@ def residuals(analysis: Analysis, sensor: int, ax: Axes) -> None:
         )
     ax.axhline(0.0, color=style.SOFT, linewidth=0.7)
     _branch_points(ax, analysis, sensor, calibration.x, calibration.residuals, named=False)
-    ax.set(xlabel="elongation, mm", ylabel="residual, mV")
+    ax.set(xlabel="elongation, mm", ylabel="residual, mV", title=f"Sensor {sensor + 1}: residuals")
     ax.legend()
 
 
@@ -96,7 +96,7 @@ def loop_difference(analysis: Analysis, limit_percent: float | None, ax: Axes) -
     if limit_percent is not None:
         for side, named in ((-1.0, f"limit, {limit_percent:g} % FSO"), (1.0, None)):
             ax.axhline(side * limit_percent, color=style.WARNING, linewidth=0.9, linestyle="--", label=named)
-    ax.set(xlabel="pressure, kPa", ylabel="loading − unloading, % FSO", title="Hysteresis of the mean loop")
+    ax.set(xlabel="pressure, kPa", ylabel="hysteresis, % FSO", title="Loading − unloading of the mean loop")
     legend(ax)
 
 
@@ -201,13 +201,16 @@ def trace(analysis: Analysis, ax: Axes) -> None:
     ]
     time, low, high = (np.concatenate([np.append(piece[k], np.nan) for piece in pieces]) for k in range(3))
     ax.fill_between(time, low, high, color=style.PRESSURE_COLOUR, linewidth=0.6, edgecolor=style.PRESSURE_COLOUR)
+    shaded_cycles = ("", " (complete cycle shaded)", " (every second complete cycle shaded)")[
+        min(len(analysis.cycles.used), 2)
+    ]
     shaded = ((analysis.cycles.used[::2], style.LINE, 0.35), (analysis.cycles.partial, style.WARNING, 0.15))
     for stretches, colour, alpha in shaded:
         for stretch in stretches:
             ax.axvspan(*recording.time_s[[stretch.first, stretch.last]], color=colour, alpha=alpha, linewidth=0)
     for time_s, _ in recording.meta.get("markers", ()):
         ax.axvline(time_s, color=style.INK, linewidth=0.7, linestyle=":")
-    ax.set(xlabel="time, s", ylabel="pressure, kPa", title="The run (every second complete cycle shaded)")
+    ax.set(xlabel="time, s", ylabel="pressure, kPa", title=f"The run{shaded_cycles}")
     ax.margins(x=0)
 
 

@@ -166,7 +166,7 @@ def influence_quantities(analysis: Analysis) -> list[Section]:
             span = f"{found.low:.4g} to {found.high:.4g} {unit}".rstrip()
             slope = with_uncertainty(found.coefficient_mv, found.expanded_mv)
             drift = "may be drift" if found.like_drift else ""
-            rows.append((str(i), found.name, span, f"{slope} mV{per}", f"{found.correlation:+.2f}", share, drift))
+            rows.append((str(i), found.name, span, f"{slope} mV{per}", f"{found.correlation:+z.2f}", share, drift))
     if not rows and not void:
         return []
     header = ("Sensor", "quantity", "range", "coefficient (95 %)", "correlation", "of FSO over the range", "")
@@ -208,8 +208,8 @@ def _quality(analysis: Analysis, sensor: int) -> str:
     turning = ", ".join(f"{t:.2f}" for t in c.turning_points) or "none"
     r2 = f"R² = {c.r2:.5f}" if np.isfinite(c.r2) else "R² undefined"
     text = (
-        f"{r2}, residual sd {c.residual_sd:.2f} mV, n = {c.n}, range {c.x_range[0]:+.2f} to "
-        f"{c.x_range[1]:+.2f} mm, {'monotone' if c.monotone else 'NOT monotone'}, turning points {turning} mm."
+        f"{r2}, residual sd {c.residual_sd:.2f} mV, n = {c.n}, range {c.x_range[0]:+z.2f} to "
+        f"{c.x_range[1]:+z.2f} mm, {'monotone' if c.monotone else 'NOT monotone'}, turning points {turning} mm."
     )
     checks = analysis.sensors[sensor].checks or {}
     lack = analysis.sensors[sensor].figures["lack_of_fit_percent_fso"]
@@ -234,7 +234,7 @@ def hysteresis(analysis: Analysis, verdict: Verdict) -> Section:
     draws = [partial(drawings.loop_difference, analysis, limit)]
     if x is not None and np.isfinite(x).any():
         draws.append(partial(drawings.actuator_loop, analysis))
-    return Section("Hysteresis", (ReportDrawing(tuple(draws), height=2.6),))
+    return Section("Hysteresis", (ReportDrawing(tuple(draws), height=2.3 if draws[1:] else 3.6),))
 
 
 def over_cycles(analysis: Analysis) -> Section:
@@ -326,7 +326,7 @@ def _budget_table(found: ElongationBudgets) -> ReportTable:
     rows.append(("expanded, k = 2", *expanded, f"covers about {covers}" if known else ""))
     heads = (t for i in range(1, len(budgets) + 1) for t in (f"sensor {i}, µm", "share"))
     halves = (f"U is not known: {b.void}" if b.void else b.what_halves_it() for b in budgets)
-    lines = [f"At x = {found.x_mm:+.2f} mm, the middle of the range"]
+    lines = [f"At x = {found.x_mm:+z.2f} mm, the middle of the range"]
     lines += [f"Not assessed: {', '.join(names)} ({why})" for why, names in missing.items()]
     lines += [f"An elongation is {one.text}" for one in traced]
     lines += [f"Sensor {i}: {text}" for i, text in enumerate(halves, 1)]
@@ -372,7 +372,7 @@ def _grid(analysis: Analysis) -> str:
 
 
 def _two_places(value: float) -> str:
-    return f"{round(value, 2) + 0.0:+.2f}" if np.isfinite(value) else NOTHING  # no -0.00
+    return f"{value:+z.2f}" if np.isfinite(value) else NOTHING
 
 
 def run(analysis: Analysis) -> Section:

@@ -79,7 +79,7 @@ class Plateau:
     @property
     def place(self) -> str:
         """Where it is: pressure, branch, cycle; what is not known is left out."""
-        pressure = f"{self.pressure_kpa:+.0f} kPa" if np.isfinite(self.pressure_kpa) else ""
+        pressure = f"{self.pressure_kpa:+z.0f} kPa" if np.isfinite(self.pressure_kpa) else ""
         branch = {"start": "opening"}.get(self.branch, self.branch)
         cycle = f"cycle {self.cycle}" if self.cycle and self.branch != "start" else ""
         return ", ".join(part for part in (pressure, branch, cycle) if part)

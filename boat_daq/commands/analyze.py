@@ -155,7 +155,7 @@ def _show_shadow(shadow: Mapping[str, Any]) -> None:
         notify(f"shadow: not compared: {shadow['void']}")
         return
     show(
-        f"shadow: {shadow['deviation_mean_mm']:+.3f} mm from nominal on average, "
+        f"shadow: {shadow['deviation_mean_mm']:+z.3f} mm from nominal on average, "
         f"{shadow['deviation_rms_mm']:.3f} mm rms, {len(shadow['alarms'])} alarms"
     )
     for alarm in shadow["alarms"]:
@@ -212,7 +212,7 @@ def _show_sensors(analysis: Analysis) -> None:
             show(f"{sensor.name}: curve {sensor.figures['lack_of_fit_percent_fso'].note or 'not tested'}")
     for sensor, budget in zip(sensors, analysis.budgets.budgets if analysis.budgets else (), strict=False):
         assert analysis.budgets is not None
-        at = f"at {analysis.budgets.x_mm:+.2f} mm"
+        at = f"at {analysis.budgets.x_mm:+z.2f} mm"
         mark = ", with a stand-in" if budget.stand_in else ""
         known = f"U = {1000 * budget.expanded:.0f} µm (k = 2{mark}) {at}"
         expanded = f"U is not known: {budget.void}" if budget.void else known
@@ -226,9 +226,9 @@ def _show_sensors(analysis: Analysis) -> None:
 
 
 def _show_camera(camera: Mapping[str, Any], unit: str) -> None:
-    delay = "not found" if camera["delay_s"] is None else f"{1e3 * camera['delay_s']:+.1f} ms"
+    delay = "not found" if camera["delay_s"] is None else f"{1e3 * camera['delay_s']:+z.1f} ms"
     u_delay = "" if camera["delay_s"] is None else f" ± {1e3 * camera['u_delay_s']:.1f} ms"
-    drift = "" if camera["delay_s"] is None else f", drift {camera['drift_ppm']:+.0f} ppm"
+    drift = "" if camera["delay_s"] is None else f", drift {camera['drift_ppm']:+z.0f} ppm"
     frames = f"{camera['valid']} of {camera['frames']} frames, {camera['dropped']} missing"
     show(f"camera: {frames}, u {camera['u_mm']:.4f} mm")
     show(f"camera: delay {delay}{u_delay}{drift}; scale u {camera['u_scale_percent']:.2f} %")

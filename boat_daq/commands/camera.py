@@ -120,6 +120,6 @@ def track(
         emit_json(head | {key: column.tolist() for key, column in columns.items()} | {"warnings": warnings})
         return
     low, high = record.elongation_mm[record.valid].min(), record.elongation_mm[record.valid].max()
-    show(f"{frames} frames, {valid} with an elongation, {record.dropped} missing; {low:+.3f} to {high:+.3f} mm")
+    show(f"{frames} frames, {valid} with an elongation, {record.dropped} missing; {low:+z.3f} to {high:+z.3f} mm")
     for warning in warnings:
         notify(f"{warning['code']}: {warning['text']} without an elongation")

@@ -141,7 +141,7 @@ def _show(one: UnitHistory) -> None:
     for k, (when, value, expanded, en) in enumerate(zip(one.when, one.value_mv, one.expanded_mv, one.en, strict=True)):
         state = "outside" if k in one.out_of_control else "within"
         rows.append((
-            when, with_uncertainty(float(value), float(expanded)), "" if en != en else f"{en:+.2f}",
+            when, with_uncertainty(float(value), float(expanded)), "" if en != en else f"{en:+z.2f}",
             state + (", differs from the previous" if abs(en) > 1 else ""),
         ))  # fmt: skip
     show_table(("calibrated", f"y({one.check_point_mm:g} mm) ± U, {unit}", "En", "control"), rows, left=4)

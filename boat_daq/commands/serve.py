@@ -174,4 +174,4 @@ def _clock_text(clock: dict[str, float | None]) -> str:
     drift, jitter = clock["drift_ppm"], clock["jitter_ms"]
     if drift is None or jitter is None:
         return "clock not yet known"
-    return f"board's clock {drift:+.0f} ppm against LSL's, arrivals scatter by {jitter:.2f} ms"
+    return f"board's clock {drift:+z.0f} ppm against LSL's, arrivals scatter by {jitter:.2f} ms"

@@ -121,7 +121,7 @@ def _lines(solved: SolvedState, found: Assessment) -> list[str]:
     solution, size = solved.solution, solved.model.parameters
     limit_kpa = solved.model.vacuum_limit.pressure_kpa
     lines = [
-        f"{solution.pressure_kpa:+.3f} kPa, {solution.elongation_mm:+.4f} mm; {solved.used} model, "
+        f"{solution.pressure_kpa:+z.3f} kPa, {solution.elongation_mm:+z.4f} mm; {solved.used} model, "
         f"{1e3 * solved.seconds:.1f} ms, {solution.iterations} iterations",
         f"lowest eigenvalue {found.lowest_eigenvalue:.3f} (1 at rest, 0 at the critical pressure of "
         f"{limit_kpa:.3g} kPa)",
@@ -253,8 +253,8 @@ def states(
     }
     present(
         content,
-        f"wrote {out}: 15 states, {points} points a guide, elongation {found.elongation_mm[0]:+.2f} .. "
-        f"{found.elongation_mm[-1]:+.2f} mm, bow {bow[0]:.2f} .. {bow[-1]:.2f} mm",
+        f"wrote {out}: 15 states, {points} points a guide, elongation {found.elongation_mm[0]:+z.2f} .. "
+        f"{found.elongation_mm[-1]:+z.2f} mm, bow {bow[0]:.2f} .. {bow[-1]:.2f} mm",
         as_json=as_json,
     )
 
@@ -307,7 +307,7 @@ def modulus(
         },
         *(f"{one.name}: {one.modulus_kpa:.2f} kPa (R² {one.r2:.4f}, {one.points} points)" for one in found.specimens),
         f"E = {found.mean_kpa:.2f} ± {spread:.2f} kPa, N = {len(tests)}",
-        *(f"{p:+.0f} kPa: {x:+.3f} ± {u:.3f} mm (k = 1)" for p, x, u in band),
+        *(f"{p:+z.0f} kPa: {x:+z.3f} ± {u:.3f} mm (k = 1)" for p, x, u in band),
         as_json=as_json,
     )
 
@@ -348,10 +348,10 @@ def replay(
     if recording.simulated:
         show("SIMULATED")
     show(
-        f"calibration: {by}\n{summary['cycles']} cycles; deviation {summary['deviation_mean_mm']:+.3f} mm on average, "
+        f"calibration: {by}\n{summary['cycles']} cycles; deviation {summary['deviation_mean_mm']:+z.3f} mm on average, "
         f"{summary['deviation_rms_mm']:.3f} mm rms; drift {result.trend}"
     )
-    show_table(("cycle", "mean deviation, mm"), [(str(k), f"{mm:+.3f}") for k, mm in enumerate(result.levels_mm, 1)])
+    show_table(("cycle", "mean deviation, mm"), [(str(k), f"{mm:+z.3f}") for k, mm in enumerate(result.levels_mm, 1)])
     if not result.alarms:
         show("no alarm")
     for alarm in result.alarms:
@@ -416,13 +416,13 @@ def _chain_lines(found: Mapping[str, Any], signal: ChainSignal) -> Iterator[str]
             f"{one['error']['of_95_percent']:.2g} rays with {one['rays']} rays"
         )
     yield (
-        f"light of the paper's design, all reflections followed: {signal.light_change_percent:+.1f} % from "
-        f"{signal.elongation_mm[0]:+.2f} to {signal.elongation_mm[-1]:+.2f} mm"
+        f"light of the paper's design, all reflections followed: {signal.light_change_percent:+z.1f} % from "
+        f"{signal.elongation_mm[0]:+z.2f} to {signal.elongation_mm[-1]:+z.2f} mm"
     )
     for number, fit in enumerate(signal.sensors, start=1):
         yield (
-            f"published signal of sensor {number}: {fit.signal_change_percent:+.1f} %; gain "
-            f"{fit.gain_mv_per_percent:+.1f} mV per percent of light, R2 {fit.r2:.3f}, "
+            f"published signal of sensor {number}: {fit.signal_change_percent:+z.1f} %; gain "
+            f"{fit.gain_mv_per_percent:+z.1f} mV per percent of light, R2 {fit.r2:.3f}, "
             f"rms {fit.rms_percent_fso:.1f} % FSO; a straight line in elongation R2 {fit.line_r2:.3f}, a parabola "
             f"{fit.parabola_r2:.4f}"
         )

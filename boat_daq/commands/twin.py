@@ -97,8 +97,8 @@ def identify(
     model = twin.model
     _present(
         twin,
-        f"R² {model.r2:.5f}, rms {model.rms_mm:.3f} mm over {model.pressure_range_kpa[0]:+.0f} to "
-        f"{model.pressure_range_kpa[1]:+.0f} kPa",
+        f"R² {model.r2:.5f}, rms {model.rms_mm:.3f} mm over {model.pressure_range_kpa[0]:+z.0f} to "
+        f"{model.pressure_range_kpa[1]:+z.0f} kPa",
         as_json=as_json,
     )
     if twin.tuning is None:
@@ -179,8 +179,8 @@ def hold(
         "failed": bool(failure), "failure": failure,
     }  # fmt: skip
     lines = [str(summary.path)] if failure else [
-        f"{summary.path}: {held['elongation_mm']:+.3f} mm over the last {seconds / 2:g} s, setpoint {mm:+g} mm",
-        f"deviation {held['deviation_mm']:+.3f} mm, rms {held['rms_mm']:.3f} mm; "
+        f"{summary.path}: {held['elongation_mm']:+z.3f} mm over the last {seconds / 2:g} s, setpoint {mm:+g} mm",
+        f"deviation {held['deviation_mm']:+z.3f} mm, rms {held['rms_mm']:.3f} mm; "
         f"U of a sample {held['u_mm']:.3f} mm (k = 2)",
     ]  # fmt: skip
     present(content, *lines, as_json=as_json)
@@ -278,7 +278,7 @@ def _fit_rows(curve: str, one: SensorPrediction) -> list[tuple[str, ...]]:
              ("light, loss", one.after, f"{one.held_out_rms_mv:.2f}")]  # fmt: skip
     plain = [("line", one.line), ("parabola", one.parabola)]
     return [
-        *((curve, name, f"{fit.r2:.4f}", f"{fit.rms_percent_fso:.2f}", held, f"{fit.gain_mv_per_percent:+.1f}",
+        *((curve, name, f"{fit.r2:.4f}", f"{fit.rms_percent_fso:.2f}", held, f"{fit.gain_mv_per_percent:+z.1f}",
            f"{fit.loss_db_per_cm:.2f}{', bound' if fit.at_bound else ''}") for name, fit, held in light),
         *((curve, name, f"{fit.r2:.4f}", f"{fit.rms_percent_fso:.2f}", f"{fit.held_out_rms_mv:.2f}", "", "")
           for name, fit in plain),

@@ -54,11 +54,11 @@ def shadow_figure(state: ShadowState, topology: ShadowTopology, colour: Colour =
 
 def headline(state: ShadowState) -> str:
     """Return the frame's numbers in one line."""
-    text = f"{state.pressure_kpa:+.1f} kPa    elongation {state.elongation_mm:+.2f} mm"
+    text = f"{state.pressure_kpa:+z.1f} kPa    elongation {state.elongation_mm:+z.2f} mm"
     if np.isfinite(state.deviation_mm):
         text += (
-            f"    nominal {state.nominal_elongation_mm:+.2f} ± {2 * state.nominal_sd_mm:.2f} mm (k = 2)"
-            f"    deviation {state.deviation_mm:+.2f} mm"
+            f"    nominal {state.nominal_elongation_mm:+z.2f} ± {2 * state.nominal_sd_mm:.2f} mm (k = 2)"
+            f"    deviation {state.deviation_mm:+z.2f} mm"
         )
     return text + f"    {state.model} model"
 

@@ -57,7 +57,7 @@ def _contradiction(model: FullModel, state: Solution) -> list[Warning]:
     if abs(q - free) <= half:
         return []
     text = (
-        f"{p:g} kPa and {q:g} mm contradict each other: the free actuator is at {free:+.2f} mm \N{PLUS-MINUS SIGN} "
+        f"{p:g} kPa and {q:g} mm contradict each other: the free actuator is at {free:+z.2f} mm \N{PLUS-MINUS SIGN} "
         f"{half:.2f} mm; a force of {state.tip_force_mn / 1e3:+.3g} N at the tip holds this state"
     )
     return [Warning(WarningCode.CONTRADICTORY_STATE, "", text)]

@@ -75,7 +75,7 @@ class Alarm:
     @property
     def sentence(self) -> str:
         """Return the alarm in words."""
-        size = f"{100 * self.shift:+.1f} %" if self.unit == "" else f"{self.shift:+.3g} {self.unit}"
+        size = f"{100 * self.shift:+z.1f} %" if self.unit == "" else f"{self.shift:+.3g} {self.unit}"
         cause = f" (may follow from {' and '.join(self.may_follow_from)})" if self.may_follow_from else ""
         qualified = "" if self.independent else f"; {NOT_INDEPENDENT}"
         return (

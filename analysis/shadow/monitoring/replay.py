@@ -53,7 +53,7 @@ class Replay:
         if not np.isfinite(self.drift_mm_per_cycle):
             return "fewer than three cycles, not given"
         found = "none found" if low <= 0.0 <= high else "significant"
-        text = f"{1000 * self.drift_mm_per_cycle:+.1f} \u00b5m a cycle [{1000 * low:+.1f}, {1000 * high:+.1f}]"
+        text = f"{1000 * self.drift_mm_per_cycle:+z.1f} \u00b5m a cycle [{1000 * low:+z.1f}, {1000 * high:+z.1f}]"
         return f"{text} (Theil-Sen, 95 %): {found}"
 
     def summary(self) -> dict[str, Any]:

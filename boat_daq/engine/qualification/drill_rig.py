@@ -144,7 +144,7 @@ class TruthComparison:
         """Whether the unit is without pressure at the end."""
         end_kpa = float(self.truth[-1, 1])
         text = f"the unit is vented, within {VENTED_KPA:g} kPa"
-        return Criterion(text, f"{end_kpa:+.2f} kPa at the end", abs(end_kpa) <= VENTED_KPA)
+        return Criterion(text, f"{end_kpa:+z.2f} kPa at the end", abs(end_kpa) <= VENTED_KPA)
 
     def reported(self, text: str, *kinds: str) -> Criterion:
         """Return whether an event of one of these kinds is in the recording."""

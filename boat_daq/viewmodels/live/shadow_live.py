@@ -420,7 +420,7 @@ class ShadowMonitor:
     def _row(self, alarm: Alarm) -> tuple[str, ...]:
         since, found = self._mark(alarm.since_cycle), self._mark(alarm.cycle)
         may = f", may follow from {' and '.join(alarm.may_follow_from)}" if alarm.may_follow_from else ""
-        size = f"{100 * alarm.shift:+.1f} %" if alarm.unit == "" else f"{alarm.shift:+.3g} {alarm.unit}"
+        size = f"{100 * alarm.shift:+z.1f} %" if alarm.unit == "" else f"{alarm.shift:+.3g} {alarm.unit}"
         later = found.cycle - since.cycle
         return (
             alarm.fault.capitalize(),

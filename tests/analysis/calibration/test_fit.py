@@ -123,7 +123,7 @@ def test_a_falling_unit_calibrates_as_well(sign: float) -> None:
     ("x", "y", "cause"),
     [
         ([1, 1, 1, 1, 1], [1, 2, 3, 4, 5], "all 5 x are equal"),
-        ([1, 2, 3, 1, 2], [1, 2, 3, 4, 5], "3 distinct x where degree 3 needs 4"),
+        ([1, 2, 3, 1, 2], [1, 2, 3, 4, 5], "only 3 different positions; degree 3 needs 4"),
         ([1, 2, 3, 4, np.nan], [1, 2, 3, 4, 5], "of x are not numbers"),
         ([1, 2, 3, 4, 5], [1, 2, 3, np.inf, 5], "of y are not numbers"),
         ([1, 2, 3, 4], [1, 2, 3], "different lengths"),

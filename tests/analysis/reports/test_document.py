@@ -13,7 +13,10 @@ def test_columns_meet_at_the_decimal_point() -> None:
 
 
 def test_numbers_meet_at_the_point_and_at_the_plus_minus() -> None:
-    """Digits of one place are aligned; text is left-aligned; the minus is U+2212."""
+    """Digits of one place are aligned, in intervals too; text is left-aligned; the minus is U+2212."""
+    limits = aligned(ReportTable(("", "95 % interval"), (("a", "-1.7 … 3.8"), ("b", "39.269 … 139.42"))))
+    low, high = (line[1].replace("\u2007", "_").replace("\u2008", ".") for line in limits.rows)
+    assert (low, high) == ("\u22121.7__ … __3.8_", "39.269 … 139.42")
     table = aligned(ReportTable(("", "b", "unit"), (("b0", "1651.98 ± 0.12", "mV"), ("b1", "-2.7 ± 12.1", "mV/mm"))))
     first, second = (line[1].replace("\u2007", "_").replace("\u2008", ".") for line in table.rows)
     assert first == "1651.98 ± _0.12"

@@ -58,7 +58,7 @@ def test_incomplete_rows_are_counted_and_impossible_fits_refused(tmp_path: Path)
     with pytest.raises(BoatDaqError, match="no column"):
         call("fit", tmp_path / "a.csv", "--x", "z", "--y", "y")
     (tmp_path / "b.csv").write_text("x,y\n0,0\n1,1\n0,4\n1,5\n")
-    with pytest.raises(BoatDaqError, match="2 distinct x"):
+    with pytest.raises(BoatDaqError, match="2 different positions"):
         call("fit", tmp_path / "b.csv", "--x", "x", "--y", "y")
     assert exit_code("fit", tmp_path / "a.csv", "--x", "x", "--y", "y", "--degree", "11") == 2
 

@@ -79,21 +79,21 @@ def channel_values(samples: NDArray[np.void], channels: Sequence[ExtraChannel]) 
     return {channel.column: samples["channel"][:, i].astype(np.float64) for i, channel in enumerate(channels)}
 
 
-def passed_us(block: Columns, before_us: int, longest_s: float) -> int:
-    """Return the board time from `before_us` to the end of a block.
+def passed_us(block: Columns, before_us: int, longest_s: float) -> tuple[int, float]:
+    """Return the board time from `before_us` to the end of a block, and its longest step in seconds.
 
-    A step back, or one over `longest_s`, is a clock that restarted: no time passed in it.
+    A step back, or one over `longest_s`, is another clock: no time passed in it.
     """
     steps = np.diff(block.time_us, prepend=before_us)
-    return int(steps[(steps > 0) & (steps <= 1e6 * longest_s)].sum())
+    return int(steps[(steps > 0) & (steps <= 1e6 * longest_s)].sum()), float(steps.max()) * 1e-6
 
 
 def last_sample(block: Columns, target_kpa: float | None) -> LastSample:
-    """Return the newest sample; a state this program does not know is taken for FAULT."""
+    """Return the newest sample, its pressure nan where it is invalid; an unknown state is taken for FAULT."""
     state = int(block.state[-1])
     return LastSample(
         time_s=float(block.time_us[-1]) / 1e6,
-        pressure_kpa=float(block.pressure_kpa[-1]),
+        pressure_kpa=float(block.pressure_kpa[-1]) if block.pressure_known[-1] else math.nan,
         target_kpa=math.nan if target_kpa is None else target_kpa,
         signal_mv=tuple(block.signal_mv[-1].tolist()),
         state=BoardState(state) if state <= max(BoardState) else BoardState.FAULT,

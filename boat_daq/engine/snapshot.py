@@ -87,6 +87,7 @@ class MessageKind(enum.StrEnum):
     BOARD_HEARTBEAT_LOST = "board_heartbeat_lost"
     BOARD_ESTOP_PRESSED = "board_estop_pressed"
     BOARD_TARGET_NOT_REACHED = "board_target_not_reached"
+    BOARD_VENTED = "board_vented"
     REFUSED = "refused"
     NO_ANSWER = "no_answer"
     # control of the elongation
@@ -102,6 +103,7 @@ class MessageKind(enum.StrEnum):
     # the board and its sensors
     SAMPLES_AGAIN = "samples_again"
     FLAT_LINE = "flat_line"
+    PRESSURE_OFF = "pressure_off"
     SATURATED = "saturated"
     DROPPED = "dropped"
     RATE = "rate"
@@ -178,7 +180,7 @@ class LastSample:
     """The newest sample, in the lab's units."""
 
     time_s: float
-    pressure_kpa: float
+    pressure_kpa: float  # nan where it is invalid
     target_kpa: float  # nan while nothing is commanded
     signal_mv: tuple[float, ...]
     state: BoardState
@@ -315,7 +317,8 @@ class SessionSnapshot:
     progress: Progress | None = None
     waiting_for_reading: ReadingRequest | None = None
     latched: str = ""  # why the interlock forbids pressure; empty when it does not
-    alarms: tuple[str, ...] = ()
+    alarms: tuple[str, ...] = ()  # what messages reported of sensors and pressure, and is so still
+    pressure_off: bool = False  # a pressure set manually is not there, or one stays on a vented unit
     messages: tuple[Message, ...] = ()  # the newest 50
     run_ended: RunEnding | None = None  # the last run; None before the first ends, and during the next
     recording: Path | None = None

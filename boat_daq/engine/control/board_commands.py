@@ -63,6 +63,7 @@ class BoardCommands:
         self.feeder = Feeder()
         self.meter = SpeedMeter()
         self.identifying = False
+        self._simulated = False
         self.stopping = False  # a STOP waits for its answer
         self.leaving = False  # the watchdog is being disarmed: nothing arms it again
         self.start_refused: tuple[str, str] | None = None  # cause and remedy
@@ -93,6 +94,7 @@ class BoardCommands:
         The watchdog of a virtual board, which may run faster than real time, waits until its speed is known.
         """
         self.identifying, self.introduced_ns = False, self.now_ns
+        self._simulated = hello.simulated
         if not hello.simulated:
             self.send(Heartbeat(LONGEST_MS))
         if limits is not None:
@@ -169,7 +171,8 @@ class BoardCommands:
         if self._vent_sent_ns is not None and self.now_ns - self._vent_sent_ns > VENT_AGAIN_S * 1e9:
             self.send(Vent())
         if not self.leaving and self.feeder.due(self.now_ns, self.board_us, self.meter.speed):
-            off = self.meter.speed > FAST and idle and not self.pending  # costly to feed, and nothing to guard
+            fast = self._simulated and self.meter.speed > FAST  # a real board's samples may also come late, in a burst
+            off = fast and idle and not self.pending  # costly to feed, and nothing to guard
             feeds = (
                 unread or REPEAT_MS * self.meter.speed > REPEATS_WITHIN * self.feeder.armed_ms
             )  # repeats alone come too late
@@ -237,7 +240,7 @@ class BoardCommands:
 
     def lost(self, command: Command, *, watched: bool) -> Trip | None:
         """Return the trip that a command without an answer means; repeat IDENTIFY."""
-        text = f"the board did not answer {_name(command)}, sent three times"
+        text = f"the board did not answer {_name(command)} within {VENT_AGAIN_S:g} s"
         match command:
             case Vent():
                 pass  # `tick` repeats it: one more for each that is lost would fill a slow link

@@ -10,12 +10,13 @@ where a virtual board answers it without a thread.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from boat_daq.engine.control.board_commands import GUARDS_S, BoardCommands, Effect
 from boat_daq.engine.control.elongation import AT_LIMIT_S, FASTEST, ElongationLoop, LoopStop, Regulator
-from boat_daq.engine.control.interlock import FlatLine, Interlock
+from boat_daq.engine.control.interlock import FlatLine, Interlock, PressureWatch, SensorAlarms
 from boat_daq.engine.control.preflight import Check, Preflight, require
 from boat_daq.engine.control.sequencer import VENTED_KPA, GoTo, Sequencer, VentNow
 from boat_daq.engine.control.trips import Trip
@@ -49,7 +50,10 @@ ALLOW_PRIORITY = "let its administrator allow this user a higher priority (nice 
 _EARLIER_FAULT = (
     "the board had vented and latched a fault before it was connected: its host may have failed under pressure"
 )
+_ASLEEP = "check its firmware; a computer that was suspended has to be kept awake in a run"
+_VENT_LATER = "open the valve manually; VENT is sent once the board is connected again"
 _AT_REST = (BoardState.IDLE, BoardState.VENTED)
+_ACTIVE = (BoardState.RAMPING, BoardState.HOLDING)
 _WATCHDOG_ARMED = int(SampleFlag.WATCHDOG_ARMED)  # a plain integer: compared for every block
 _RUN = (SessionState.RUNNING, SessionState.PAUSED)
 
@@ -61,7 +65,8 @@ class Controller:
         self.stream = StreamWatch(rate_hz)
         self.sequencer = Sequencer()
         self.interlock = Interlock()
-        self.flat_line = FlatLine()
+        self.flat_line, self._sensors, self._pressure = FlatLine(), SensorAlarms(), PressureWatch()
+        self._engaged = False  # the board has reported that it is at the pressure commanded, or on its way
         self.hello: messages.Hello | None = None
         self.last: LastSample | None = None
         self.target_kpa: float | None = None
@@ -133,7 +138,7 @@ class Controller:
                 case BoardRestarted(hello):
                     self._restarted(hello)
                 case ClockWentBack(by_us):
-                    self._clock_went_back(by_us / 1e6)
+                    self._clock_stepped(f"the board's clock went back by {by_us / 1e6:.3g} s")
                 case _:
                     pass
 
@@ -230,17 +235,24 @@ class Controller:
         self.sequencer.finish_early(cause)
         self._act()
 
-    def vent(self, cause: str | None = None, *, sent: bool = False) -> None:
-        """Vent now, in any state, even while another vent is unacknowledged. `sent`: the command was sent already."""
+    def vent(self, cause: str | None = None, *, sent: bool = False, unreachable: bool = False) -> None:
+        """Vent now, in any state, even while another vent is unacknowledged.
+
+        `sent`: the command was sent already; `unreachable`: there is no port that takes it.
+        """
         self.board.forget_pending()
-        self.target_kpa = self.loop = None
-        self._unanswered = None
+        self._released()
         if sent:
             self.board.vent_sent()
         else:
             self.board.send(messages.Vent())
-        text = cause or "vented by the operator"
-        self.board.note(MessageKind.VENT, text, "info" if cause is None else "warning")
+        text, level, remedy = cause or "vented by the operator", "info" if cause is None else "warning", ""
+        if unreachable:
+            text, level = "VENT was not sent: no board is connected", "error"
+            remedy = _VENT_LATER if self.pressurised else ""
+        elif self.stream.silent:
+            text, level, remedy = "VENT was sent, but no data confirm it", "error", "open the valve manually"
+        self.board.note(MessageKind.VENT, text, level, remedy)
         self.sequencer.abort(text, SessionState.ABORTED)
         self._act()
 
@@ -299,6 +311,8 @@ class Controller:
     def clear_fault(self, by: str = "the operator") -> None:
         """Clear the latched fault, here and on the board. `by` whom goes into the recording."""
         self.interlock.require_gone()
+        if self.stream.silent:
+            raise RequestError("no data arrive: nothing tells whether the unit has vented", "wait, or check the cable")
         self._cleared_by = by
         if self.stream.begun and self.last is not None and self.last.state is BoardState.FAULT:
             self.board.send(messages.ClearFault())
@@ -316,11 +330,15 @@ class Controller:
 
     # ---- samples ---------------------------------------------------------------------------------------------------
 
-    def _passed_us(self, block: Columns, before_us: int) -> int:
-        """Return the board time from an instant to the end of a block, without the steps of a clock that restarted."""
+    def _pass_time(self, block: Columns, before_us: int) -> None:
+        """Add the board time from an instant to the end of a block, without the steps of another clock."""
         host_s = (self.board.now_ns - self._sampled_ns) * 1e-9
         self._sampled_ns = self.board.now_ns
-        return passed_us(block, before_us, CLOCK_STEP_S + 2.0 * self.board.meter.speed * host_s)
+        longest_s = CLOCK_STEP_S + 2.0 * self.board.meter.speed * host_s
+        passed, step_s = passed_us(block, before_us, longest_s)
+        self.sampled_us += passed
+        if step_s > longest_s and self.board.meter.known:
+            self._clock_stepped(f"the board's clock went forward by {step_s:.3g} s", _ASLEEP)
 
     def _take_samples(self, block: Columns) -> None:
         if not len(block):
@@ -328,7 +346,7 @@ class Controller:
         board, stream = self.board, self.stream
         first_us, before_us, board.board_us = int(block.time_us[0]), board.board_us, int(block.time_us[-1])
         goes_on = stream.begun and first_us > before_us
-        self.sampled_us += self._passed_us(block, before_us if goes_on else first_us)
+        self._pass_time(block, before_us if goes_on else first_us)
         board.meter.add(board.now_ns, board.board_us)
         first, was_silent = not stream.begun, stream.silent
         stream.came(board.now_ns)
@@ -341,9 +359,7 @@ class Controller:
             if first and found.kind is MessageKind.BOARD_FAULT:
                 found = self.interlock.latched = replace(found, cause=_EARLIER_FAULT)
             self._tripped(found)
-        for sensor in self.flat_line.inspect(block):
-            text = f"the signal of sensor {sensor} is constant while the pressure changes"
-            board.note(MessageKind.FLAT_LINE, text, "warning", "check its emitter, receiver and cable", value=sensor)
+        self._watch(block)
         self.sequencer.feed(block)
         self._act()
         self._newest = block
@@ -353,6 +369,38 @@ class Controller:
         if int(self.last.flags) & _WATCHDOG_ARMED:
             board.adopt_watchdog()
         board.tick(idle=self._idle)
+
+    def _watch(self, block: Columns) -> None:
+        """Report what is wrong with sensors and pressure without a limit being passed."""
+        assert self.last is not None
+        for sensor in self.flat_line.inspect(block):
+            remedy = "check its emitter, receiver and cable"
+            self.board.note(MessageKind.FLAT_LINE, _constant(sensor), "warning", remedy, value=sensor)
+        full_counts = 2**self.hello.adc_bits - 1 if self.hello is not None else math.inf
+        self._effects += self._sensors.inspect(block, self.sampled_us, full_counts)
+        state, goal_kpa, stopped = self.last.state, self.target_kpa, self.sequencer.state not in _RUN
+        if goal_kpa is not None and self._unanswered is None:
+            if self._engaged and state in _AT_REST:
+                cause, remedy = "the board vented by itself", "check the board and its supply, then clear the fault"
+                self._trip(Trip(MessageKind.BOARD_VENTED, cause, remedy))
+                return
+            self._engaged = state in _ACTIVE
+        guarded = stopped and self.loop is None if goal_kpa is not None else state not in _ACTIVE
+        if guarded and self.board.can_command and block.pressure_known[-1]:
+            found = self._pressure.inspect(self.sampled_us, self.last.pressure_kpa, goal_kpa)
+            if found is not None:
+                self._effects.append(found)
+
+    @property
+    def alarms(self) -> tuple[str, ...]:
+        """What was reported of sensors and pressure, and is so still."""
+        off = [self._pressure.present.text] if self._pressure.present is not None else []
+        return (*map(_constant, self.flat_line.frozen), *self._sensors.present, *off)
+
+    @property
+    def pressure_off(self) -> bool:
+        """Whether a pressure set manually is not there, or one stays on a vented unit."""
+        return self._pressure.present is not None
 
     @property
     def _idle(self) -> bool:
@@ -378,6 +426,8 @@ class Controller:
             text = f"the board samples at most {hello.rate_max_hz} times a second"
             self.board.note(MessageKind.RATE, text, "warning")
             self.stream.rate_hz = hello.rate_max_hz
+        if self.pressurised and self.target_kpa is None:  # a vent before the link was lost may not have arrived
+            self.board.vent()
         self.board.introduce(hello, self.preflight.limits_command)
         if not self.hold_samples:
             self.board.send(messages.Start(self.stream.rate_hz))
@@ -404,9 +454,8 @@ class Controller:
         else:
             self._greet(hello)
 
-    def _clock_went_back(self, by_s: float) -> None:
+    def _clock_stepped(self, cause: str, remedy: str = "check its supply and its firmware") -> None:
         """End a run: its times, and all that the board times, are those of another clock."""
-        cause, remedy = f"the board's clock went back by {by_s:.3g} s", "check its supply and its firmware"
         if self.pressurised or self.sequencer.state in (*_RUN, SessionState.FINISHING):
             self._trip(Trip(MessageKind.BOARD_CLOCK, cause, remedy))
         else:
@@ -542,6 +591,8 @@ class Controller:
             return
         self.pressurised, self.target_kpa = True, target_kpa
         self._unanswered = command
+        if self.last is not None and math.isfinite(self.last.pressure_kpa):
+            self._pressure.commanded(self.sampled_us, self.last.pressure_kpa, target_kpa, ramp_kpa_per_s)
         if self.loop is not None:
             self.loop.sent(self.board.now_ns)
         if self.board.feeder.armed_ms and not streamed:  # a board that restarted, undetected yet, has lost it
@@ -549,9 +600,13 @@ class Controller:
         self.board.send(command)
 
     def _vent(self) -> None:
-        self.target_kpa = self.loop = None
-        self._unanswered = None
+        self._released()
         self.board.vent()
+
+    def _released(self) -> None:
+        """Note that no pressure is commanded any more."""
+        self.target_kpa = self.loop = self._unanswered = None
+        self._engaged = False
 
     def _trip(self, found: Trip | None) -> None:
         if found is not None and self.interlock.trip(found):
@@ -564,6 +619,10 @@ class Controller:
         self.board.note(found.kind, found.cause, "error", found.remedy, value=found.value)
         self.sequencer.abort(found.cause, SessionState.FAULT)
         self._act()
+
+
+def _constant(sensor: int) -> str:
+    return f"the signal of sensor {sensor} is constant while the pressure changes"
 
 
 def _boot_reason(value: int) -> str:

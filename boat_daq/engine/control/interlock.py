@@ -9,10 +9,12 @@ operator clears it and its cause is gone. The caller (`Controller`) vents at eve
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
+from boat_daq.engine.control.sequencer import VENTED_KPA, ControlEvent
 from boat_daq.engine.control.trips import Trip, trip_of_level
 from boat_daq.engine.sample_columns import Columns
 from boat_daq.engine.snapshot import Limits, MessageKind
@@ -25,6 +27,9 @@ MARGIN_KPA = 2.0  # beyond a limit by more than this the board vents by itself, 
 IMPLAUSIBLE_KPA = 1000.0  # a good checksum is no validation: no unit of this kind reads ten atmospheres
 FLAT_PRESSURE_KPA = 20.0  # a sensor whose reading stays the same while the pressure moves so far is frozen
 FLAT_SAMPLES = 20
+ARRIVAL_S = 10.0  # allowed beyond the ramp's own time; without progress, for a vented unit to reach zero
+LEFT_S, PROGRESS_KPA = 1.0, 0.5
+WINDOW_US, BAD_SHARE = 1_000_000, 0.01  # of board time, in which more than this share of bad samples is an alarm
 _TRIPPING = int(SampleFlag.ESTOP | SampleFlag.PRESSURE_INVALID)
 
 
@@ -191,3 +196,85 @@ class FlatLine:
         found = flat & ~(self._frozen & same)
         self._value, self._frozen = newest, found | (self._frozen & same)
         return (np.flatnonzero(found) + 1).tolist()
+
+
+class SensorAlarms:
+    """Notices sensors without signal, at the end of the converter's range, and impossible samples, by the second."""
+
+    def __init__(self) -> None:
+        self.present: dict[str, ControlEvent] = {}  # by its text
+        self._begin(0)
+
+    def _begin(self, now_us: int) -> None:
+        self._since_us, self._n, self._impossible = now_us, 0, 0
+        self._sum: NDArray[np.float64] | float = 0.0  # of each sensor's signal; its square; samples at the end
+        self._squares: NDArray[np.float64] | float = 0.0
+        self._saturated: NDArray[np.int64] | int = 0
+
+    def inspect(self, block: Columns, now_us: int, full_counts: float) -> list[ControlEvent]:
+        """Return the alarms that begin; `now_us` never goes back, `full_counts` is the converter's highest reading."""
+        bad = (block.flags & int(SampleFlag.IMPLAUSIBLE)) != 0
+        signal = block.signal_mv[~bad] if bad.any() else block.signal_mv
+        self._n += len(block)
+        self._impossible += int(bad.sum())
+        self._saturated = self._saturated + (block.raw >= full_counts).sum(axis=0)
+        self._sum, self._squares = self._sum + signal.sum(axis=0), self._squares + (signal**2).sum(axis=0)
+        if now_us - self._since_us < WINDOW_US or self._n < FLAT_SAMPLES:
+            return []
+        found = {event.text: event for event in self._alarms()}
+        new = [event for text, event in found.items() if text not in self.present]
+        self.present = found
+        self._begin(now_us)
+        return new
+
+    def _alarms(self) -> Iterator[ControlEvent]:
+        least, good = BAD_SHARE * self._n, max(self._n - self._impossible, 1)
+        if self._impossible > least:
+            text = "samples with impossible values arrive, and are left out"
+            yield ControlEvent(
+                MessageKind.IMPLAUSIBLE, text, "warning", "check the sensors, their cables and the board"
+            )
+        mean = np.asarray(self._sum) / good
+        silent = mean**2 <= np.asarray(self._squares) / good - mean**2  # the mean is within the standard deviation
+        for i in np.flatnonzero(silent & (self._impossible <= least)).tolist():
+            text, remedy = f"sensor {i + 1} gives no signal", "check its emitter, receiver and cable"
+            yield ControlEvent(MessageKind.SENSOR_LOST, text, "warning", remedy, i + 1)
+        for i in np.flatnonzero(np.asarray(self._saturated) > least).tolist():
+            text, remedy = f"sensor {i + 1} is saturated", "reduce the light or its gain"
+            yield ControlEvent(MessageKind.SATURATED, text, "warning", remedy, i + 1)
+
+
+class PressureWatch:
+    """Notices a manual pressure that is not reached, or left, and a pressure that stays on a vented unit."""
+
+    def __init__(self) -> None:
+        self.present: ControlEvent | None = None
+        self._goal_kpa: float | None = None
+        self._least_kpa = math.inf  # the nearest to zero, with nothing commanded
+        self._deadline_us = 0
+
+    def commanded(self, now_us: int, pressure_kpa: float, goal_kpa: float, ramp_kpa_per_s: float) -> None:
+        self.present, self._goal_kpa = None, goal_kpa
+        self._deadline_us = now_us + round(1e6 * (abs(goal_kpa - pressure_kpa) / ramp_kpa_per_s + ARRIVAL_S))
+
+    def inspect(self, now_us: int, pressure_kpa: float, goal_kpa: float | None) -> ControlEvent | None:
+        """Return the alarm that begins. `goal_kpa`: None while nothing is commanded; `now_us` never goes back."""
+        if goal_kpa != self._goal_kpa:
+            self.present, self._goal_kpa, self._least_kpa = None, goal_kpa, math.inf
+            self._deadline_us = now_us + round(1e6 * ARRIVAL_S)
+        away = abs(pressure_kpa - (goal_kpa or 0.0))
+        if away < VENTED_KPA:
+            self.present, self._least_kpa = None, 0.0
+            self._deadline_us = now_us + round(1e6 * LEFT_S)
+        elif goal_kpa is None and away < self._least_kpa - PROGRESS_KPA:
+            self._least_kpa, self._deadline_us = away, now_us + round(1e6 * ARRIVAL_S)
+        if away < VENTED_KPA or now_us <= self._deadline_us or self.present is not None:
+            return None
+        at, remedy = Quantity(pressure_kpa, "kPa", ".1f"), "check for a leak, and that the pump runs"
+        if goal_kpa is None:
+            text = UnitText("the pressure stays at ", at, " on a vented unit")
+            remedy = "open its valve manually, or check the zero of the pressure sensor"
+        else:
+            text = UnitText("the pressure is ", at, ", not ", Quantity(goal_kpa, "kPa"))
+        self.present = ControlEvent(MessageKind.PRESSURE_OFF, text, "warning", remedy, pressure_kpa)
+        return self.present

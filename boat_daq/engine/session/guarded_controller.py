@@ -76,7 +76,7 @@ class GuardedController:
                 self._vented_s, self._vented_after = now_s, before
         with self.acting() as control:
             # A pressure that was being sent at that instant may have left behind the vent: then vent once more.
-            control.vent(cause, sent=sent and before == self._pressures)
+            control.vent(cause, sent=sent and before == self._pressures, unreachable=not sent)
 
     def arm(self, plan: Plan, *, wait_for_reading: bool, resume: bool, regulator: Regulator | None, hold: bool) -> None:
         """Arm a plan, and state it in the recording. Parameters and errors are those of `Session.arm`."""

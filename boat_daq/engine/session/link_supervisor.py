@@ -341,14 +341,13 @@ class LinkSupervisor:
         self._show(block)
 
     def _noticed(self, block: Block) -> bool:
-        """Note what concerns the link. Return False for a block of another board than the one expected."""
+        """Note what concerns the link. Return False for a block of a board that is refused."""
         self._heard = self._heard or bool(block.raw)
         for event in block.events:
             match event:
                 case HelloReceived(hello) if self._expected_id not in (None, hello.board_id):
                     text = f"another board is on the port: {hello.board_id}"
                     self._refused = (text, f"connect {self._expected_id} again")
-                    return False
                 case WrongProtocol(board, program):
                     text = f"the board uses protocol version {board}, this program version {program}"
                     self._refused = (text, "update the board's firmware or this program to the same version")
@@ -358,7 +357,7 @@ class LinkSupervisor:
                     note_failure(f"{name} failed", failure)
                     cause, remedy = f"{name} failed: {failure!r}", "report this fault"
                     self._journal.tell(MessageKind.SINK_FAILED, "error", cause, remedy)
-        return True
+        return self._refused is None or self.state is LinkState.UP
 
     def _identified(self, control: Controller) -> None:
         """Continue the recording of a board that is back; take the rate it can give."""

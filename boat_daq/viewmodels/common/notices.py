@@ -19,7 +19,7 @@ from time import monotonic
 from typing import Any
 
 from boat_daq.engine.log import note_failure
-from boat_daq.engine.snapshot import LinkState, MessageKind, SessionSnapshot
+from boat_daq.engine.snapshot import LinkState, MessageKind, SessionSnapshot, SessionState
 from boat_daq.workflows.jobs import Job, JobState
 from protocol.base.errors import cause_and_remedy
 from protocol.base.units import STORED_UNITS, in_shown_units
@@ -38,6 +38,7 @@ class Severity(IntEnum):
 
 
 DOWN = (LinkState.OPENING, LinkState.FAILED, LinkState.SILENT, LinkState.LOST)
+_ENDED = (SessionState.ABORTED, SessionState.FAULT)
 _LEVELS = {"info": Severity.INFORMATION, "warning": Severity.WARNING, "error": Severity.FAULT}
 TITLES = ("\u25cf  Note", "\u25b2  Attention", "\u25a0  Fault")  # by severity
 
@@ -97,9 +98,10 @@ class Notices:
         saved: Path | None = None,
         refusal: bool = False,
     ) -> Notice:
-        """Add a notice; one with the same cause is replaced."""
+        """Add a notice; one with the same cause is replaced, and the more severe of the two kept."""
         cause = in_shown_units(cause, self.units)
         action_text, run = action or ("", None)
+        severity = max([severity, *(other.severity for other in self._open if other.cause == cause)])
         time = datetime.now().astimezone().strftime("%H:%M:%S")
         notice = Notice(severity, cause, remedy, details, action_text, run, self._clock(), time, saved, refusal)
         self._open = [*(other for other in self._open if other.cause != cause), notice]
@@ -182,6 +184,8 @@ class SessionMessages:
         self._of_slow_disk: list[Notice] = []
         self._of_disk: list[Notice] = []  # that failed
         self._failing = False
+        self._of_run: list[Notice] = []  # that ended it, until the fault is cleared or the next one begins
+        self._alarms: dict[str, Notice] = {}  # of sensors and pressure, by cause
 
     def follow(self, snapshot: SessionSnapshot) -> None:
         """Add what is new; dismiss what a restored link has settled."""
@@ -198,6 +202,10 @@ class SessionMessages:
                 (self._of_disk if level is Severity.FAULT else self._of_slow_disk).append(notice)
             elif snapshot.link in DOWN:
                 self._of_link.append(notice)
+            elif message.cause in snapshot.alarms:
+                self._alarms[message.cause] = notice
+            elif level is Severity.FAULT and snapshot.state in _ENDED:
+                self._of_run.append(notice)
         before, self._failing = self._failing, bool(snapshot.not_saving)
         if snapshot.recording is None or (before and not self._failing):
             self._settle(self._of_disk)
@@ -205,6 +213,10 @@ class SessionMessages:
             self._settle(self._of_slow_disk)
         if connected:
             self._settle(self._of_link)
+        if snapshot.state not in _ENDED:
+            self._settle(self._of_run)
+        for cause in self._alarms.keys() - set(snapshot.alarms):
+            self._notices.dismiss(self._alarms.pop(cause))
 
     def _settle(self, over: list[Notice]) -> None:
         for notice in over:

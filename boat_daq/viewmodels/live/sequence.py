@@ -66,6 +66,7 @@ STATE_TEXTS = {  # shape, text, buttons
     S.FAULT: ("\u25a0", "Fault", ("clear",)),
 }
 AT_REST = (S.IDLE, S.ABORTED)
+_RESTING = (S.IDLE, S.ABORTED, S.FAULT, S.PAUSED)  # nothing is commanded, unless by hand
 UNKNOWN = {LinkState.LOST: "Link lost, pressure unknown", LinkState.SILENT: "No data, pressure unknown"}
 REACHED_MM = 0.01  # of the shaped setpoint from the target
 HELD = (S.ARMED, S.RUNNING, S.PAUSED, S.FINISHING)  # the session has a plan
@@ -371,7 +372,7 @@ def holding_text(snapshot: SessionSnapshot, units: ShownUnits = STORED_UNITS) ->
         goal = target(last.target_kpa, units)
     else:
         return ""
-    return f"{'Holding' if there else 'Moving to'} {goal}"
+    return f"{'Not at' if snapshot.pressure_off else 'Holding' if there else 'Moving to'} {goal}"
 
 
 def state_text(snapshot: SessionSnapshot, units: ShownUnits = STORED_UNITS) -> str:
@@ -380,10 +381,15 @@ def state_text(snapshot: SessionSnapshot, units: ShownUnits = STORED_UNITS) -> s
     if snapshot.link in UNKNOWN:
         return f"\u25a0 {UNKNOWN[snapshot.link]}"
     if held := holding_text(snapshot, units):
-        return f"\u25cf {held}"
-    if snapshot.state in (SessionState.FAULT, SessionState.PAUSED) and snapshot.last is not None:
+        return ("\u25b2 " if snapshot.pressure_off else "\u25cf ") + held
+    if snapshot.last is not None and snapshot.state in _RESTING:
         kpa = snapshot.last.pressure_kpa  # a board that has restarted reports vented before its unit is
-        text += "" if math.isnan(kpa) else ", vented" if abs(kpa) < VENTED_KPA else ", venting"
+        if math.isnan(kpa):
+            text += ", pressure unknown"
+        elif abs(kpa) >= VENTED_KPA and (snapshot.pressure_off or snapshot.state is SessionState.IDLE):
+            text += f", at {in_units(units, 'kPa', kpa, 1)}"
+        elif snapshot.state is not SessionState.IDLE:
+            text += ", vented" if abs(kpa) < VENTED_KPA else ", venting"
     return f"{shape} {text}"
 
 
@@ -403,7 +409,8 @@ def progress_text(snapshot: SessionSnapshot, leave_out: int = 0, units: ShownUni
         return _promise(snapshot)
     if snapshot.state is SessionState.FAULT and snapshot.latched:
         return snapshot.latched  # of a held pressure, too, which no run was
-    if snapshot.state in (SessionState.FAULT, SessionState.ABORTED) and ended is not None and ended.aborted:
+    over = snapshot.state in (SessionState.FAULT, SessionState.ABORTED) and not holding_text(snapshot)
+    if over and ended is not None and ended.aborted:
         return ended.cause
     if progress is None:
         held = elongation_text(snapshot, units)

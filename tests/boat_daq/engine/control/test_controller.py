@@ -440,7 +440,7 @@ def test_sampled_time_goes_on_over_a_restart() -> None:
     assert before < rig.control.sampled_us <= before + 3_100_000
     time_us = np.array([64_000_000, 64_010_000, 3_622_000_000, 3_622_010_000])
     ahead = Columns(time_us, *(np.zeros((4, 2)),) * 3, *(np.zeros(4, np.uint8),) * 2)
-    assert passed_us(ahead, 63_990_000, 2.5) == 30_000
+    assert passed_us(ahead, 63_990_000, 2.5) == (30_000, 3557.99)
 
 
 def answer(rig: ControllerRig, command: object, status: AckStatus) -> None:
@@ -497,3 +497,83 @@ def test_a_goodbye_answered_late_leaves_the_watchdog_off() -> None:
     assert rig.board._control.watchdog_us is None
     rig.run(6.0)
     assert rig.board._control.state is BoardState.VENTED
+
+
+def test_a_board_that_vents_by_itself_ends_what_it_held() -> None:
+    """It ramped on at 0 kPa until the step timed out, and by hand for ever: a board vented without an event."""
+    for prepare in (lambda b: b.running(), lambda b: b.do(lambda: b.control.set_pressure(20.0, 20.0))):
+        rig = ControllerRig().connected()
+        prepare(rig)
+        rig.run(1.0)
+        assert rig.control.interlock.latched is None and abs(rig.pressure_kpa) > 5
+        rig.board._control._vent()
+        rig.run(0.2)
+        assert rig.state is SessionState.FAULT
+        assert [note.text for note in rig.reports(["board_vented"])] == ["the board vented by itself"]
+
+
+def test_a_new_pressure_right_after_a_vent_is_no_board_that_vented() -> None:
+    """Samples from between the two commands still report a vented board."""
+    rig = ControllerRig("ack_late@0:200").connected()
+    rig.do(lambda: rig.control.set_pressure(20.0, 20.0))
+    rig.run(3.0)
+    rig.do(rig.control.vent)
+    rig.run(1.0, lambda: abs(rig.pressure_kpa) < 0.5)
+    rig.run(2.0)
+    rig.do(lambda: rig.control.set_pressure(30.0, 20.0))
+    rig.run(3.0)
+    assert (rig.control.interlock.latched, round(rig.pressure_kpa)) == (None, 30)
+
+
+def test_a_clock_that_goes_forward_ends_a_run() -> None:
+    """A run went on over it, or ended as a leak: "50 kPa was not reached in time". At rest it is a warning."""
+    for prepare, state in ((lambda b: b.running(), SessionState.FAULT), (lambda b: None, SessionState.IDLE)):
+        rig = ControllerRig().connected()
+        prepare(rig)
+        rig.run(1.0)
+        before_us, stream = rig.control.sampled_us, rig.link._stream
+        stream._time += 5_000_000
+        rig.run(0.5)
+        assert rig.state is state and rig.control.sampled_us < before_us + 600_000
+        assert [note.text for note in rig.reports(["board_clock"])] == ["the board's clock went forward by 5.01 s"]
+
+
+def test_a_fault_is_not_cleared_while_no_data_arrive() -> None:
+    """Cleared, it was "Idle" while nothing told what the pressure was."""
+    rig = ControllerRig("silent@3:20").running()
+    assert rig.run(6.0, lambda: rig.state is SessionState.FAULT)
+    with pytest.raises(RequestError, match="nothing tells"):
+        rig.control.clear_fault()
+
+
+def test_a_vent_that_reached_no_board_is_repeated_when_it_is_back() -> None:
+    """It was "vented by the operator" although nothing was sent; a board without watchdog held its pressure on."""
+    rig = ControllerRig().connected()
+    rig.do(lambda: rig.control.set_pressure(20.0, 20.0))
+    rig.run(3.0)
+    rig.plugged = False
+    rig.control.link_lost("the port is gone")
+    rig.do(lambda: rig.control.vent(unreachable=True))
+    assert [note.text for note in rig.reports(["vent"])] == ["VENT was not sent: no board is connected"]
+    rig.board._control._timeout_us = 0  # no watchdog
+    sent = len(rig.sent_of(Vent))
+    rig.replug()
+    rig.run(1.0)
+    assert len(rig.sent_of(Vent)) > sent and vented(rig)
+
+
+def test_a_burst_of_late_samples_leaves_the_watchdog_of_a_real_board_armed() -> None:
+    """After two seconds that arrived at once it looked like a virtual board, whose watchdog is off at rest."""
+    rig = ControllerRig().connected()
+    rig.control.board._simulated = False
+    rig.do(rig.control.board.adopt_watchdog)
+    rig.run(5.0)
+    rig.stalled = True
+    rig.run(2.2)
+    late, rig.buffer, rig.stalled = rig.buffer, b"", False
+    for i in range(0, len(late), 1000):
+        rig.now_ns += 6_000_000
+        rig.control.events(rig.link.receive(late[i : i + 1000], rig.now_ns), rig.now_ns)
+        rig.flush()
+    rig.run(2.0)
+    assert Heartbeat(0) not in rig.sent

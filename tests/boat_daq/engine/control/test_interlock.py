@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from boat_daq.engine.control.interlock import FlatLine, Interlock
+from boat_daq.engine.control.interlock import FlatLine, Interlock, PressureWatch, SensorAlarms
 from boat_daq.engine.control.trips import Trip
 from boat_daq.engine.sample_columns import Columns
 from protocol.base.errors import RequestError
@@ -239,3 +239,66 @@ def test_frozen_is_20_samples_over_20_kpa(
 def test_a_still_channel_under_still_pressure_is_no_alarm() -> None:
     """A steady sensor on a plateau raises no alarm."""
     assert FlatLine().inspect(block(np.full(500, 20.0), raw=np.full((500, 2), 1500.0))) == []
+
+
+def pressures(
+    watch: PressureWatch, goal_kpa: float | None, *spans: tuple[float, float], since_s: float = 0.0
+) -> list[str]:
+    """Show a watch pressures at 10 Hz, each for so many seconds; return what it reports, with the time of each."""
+    found, now_s = [], since_s
+    for kpa, seconds in spans:
+        for _ in range(round(10 * seconds)):
+            event = watch.inspect(round(1e6 * now_s), kpa, goal_kpa)
+            found += [f"{now_s:.1f} {event.text}"] if event is not None else []
+            now_s += 0.1
+    return found
+
+
+def test_a_manual_pressure_that_is_not_there_is_reported_once_until_it_is() -> None:
+    """A stuck pressure stayed "Moving" for ever: 10 s after its ramp, or 1 s after it left, it is reported."""
+    watch = PressureWatch()
+    watch.commanded(0, 0.0, 20.0, 10.0)
+    assert pressures(watch, 20.0, (0.0, 20.0)) == ["12.1 the pressure is 0.0 kPa, not 20 kPa"]
+    assert pressures(watch, 20.0, (19.0, 5.0), since_s=20.0) == [] and watch.present is None
+    assert pressures(watch, 20.0, (20.0, 5.0), (16.2, 5.0), since_s=25.0) == [
+        "31.0 the pressure is 16.2 kPa, not 20 kPa"
+    ]
+    watch.commanded(40_000_000, 16.2, 36.2, 10.0)
+    assert watch.present is None and pressures(watch, 36.2, (20.0, 11.0), since_s=40.0) == []
+
+
+def test_a_pressure_that_stays_on_a_vented_unit_is_reported() -> None:
+    """A vent that was not carried out was "Idle" at +26 kPa; one under way, or a unit at rest, is no alarm."""
+    watch = PressureWatch()
+    watch.commanded(0, 0.0, 20.0, 10.0)
+    slowly = [(20.0 * math.exp(-s / 30.0), 0.1) for s in np.arange(0, 90, 0.1)]
+    assert pressures(watch, None, *slowly, (0.2, 30.0)) == []
+    stays = "the pressure stays at 26.0 kPa on a vented unit"
+    drifted = "the pressure stays at -2.5 kPa on a vented unit"
+    assert pressures(watch, None, (0.0, 1.0), (-2.5, 3.0), since_s=200.0) == [f"202.0 {drifted}"]
+    assert pressures(PressureWatch(), None, (30.0, 5.0), (26.0, 20.0)) == [f"15.1 {stays}"]
+
+
+def test_sensors_without_light_or_with_too_much_are_reported_while_they_are() -> None:
+    """A dead sensor and a saturated one showed numbers without a word; a few spikes among good samples are none."""
+    rng, watch = np.random.default_rng(1), SensorAlarms()
+
+    def second(n: int, signal: object, *, flags: int = 0) -> list[str]:
+        made = block(np.zeros(100), flags=flags, raw=np.zeros((100, 2)) + np.asarray(signal))
+        parts = (made.part(slice(i, i + 10)) for i in range(0, 100, 10))
+        return [e.text for i, part in enumerate(parts) for e in watch.inspect(part, n * 1_000_000 + 100_000 * i, 65535)]
+
+    noise = rng.normal(0, 19, (100, 2))
+    good = 26000 + noise
+    spikes = good.copy()
+    spikes[50] = 60000
+    dead, full = np.where([True, False], noise, good), np.where([False, True], 65535, good)
+    assert [second(n, s) for n, s in enumerate((good, good, spikes))] == [[], [], []]
+    assert second(3, dead) + second(4, dead) == ["sensor 1 gives no signal"]
+    assert second(5, full) + second(6, full) + second(7, full) == ["sensor 2 is saturated"]
+    assert list(watch.present) == ["sensor 2 is saturated"]
+    impossible = int(SampleFlag.IMPLAUSIBLE)
+    assert second(8, good, flags=impossible) + second(9, good, flags=impossible) == [
+        "samples with impossible values arrive, and are left out"
+    ]
+    assert second(10, good) + second(11, good) + second(12, good) == [] and not watch.present

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from boat_daq.viewmodels.common.notices import Notices, Severity
+from boat_daq.engine.snapshot import LinkState, Message, MessageKind, SessionSnapshot, SessionState
+from boat_daq.viewmodels.common.notices import Notices, SessionMessages, Severity
 from protocol.base.errors import RequestError
 
 
@@ -66,3 +67,43 @@ def test_a_file_name_keeps_its_first_letter() -> None:
 
     assert sentence("d.toml is not a plan") == "d.toml is not a plan."
     assert sentence("the port is gone") == "The port is gone."
+
+
+def shown(*states):
+    """Return the current notice after each (state, messages, alarms), in turn; None where there is none."""
+    now, found = [0.0], []
+    notices = Notices(lambda: now[0])
+    follower = SessionMessages(notices, SessionSnapshot(SessionState.IDLE, LinkState.UP))
+    for state, messages, alarms in states:
+        follower.follow(SessionSnapshot(state, LinkState.UP, messages=messages, alarms=alarms))
+        now[0] += 10.0
+        found.append(notices.current() and (notices.current().severity, notices.current().cause))
+    return found
+
+
+def test_a_fault_of_a_run_leaves_with_the_fault_or_the_next_run():
+    """In the next run the strip went on saying "50 kPa was not reached" of the one before."""
+    late = Message(1, MessageKind.STEP_TIMEOUT, "error", "50 kPa was not reached in time")
+    vented = Message(2, MessageKind.BOARD_VENTED, "error", "the board vented by itself")
+    notice, fault = (Severity.FAULT, late.cause), (Severity.FAULT, vented.cause)
+    aborted, running = (SessionState.ABORTED, (late,), ()), (SessionState.RUNNING, (late,), ())
+    failed, cleared = (SessionState.FAULT, (late, vented), ()), (SessionState.IDLE, (late, vented), ())
+    assert shown(aborted, aborted, running, failed, cleared) == [notice, notice, None, fault, None]
+
+
+def test_an_alarm_leaves_once_it_is_over():
+    """ "The signal of sensor 1 is constant" stayed after it had changed."""
+    constant = (Message(1, MessageKind.FLAT_LINE, "warning", "the signal of sensor 1 is constant"),)
+    on = (SessionState.IDLE, constant, (constant[0].cause,))
+    assert shown(on, on, (SessionState.IDLE, constant, ())) == [(Severity.WARNING, constant[0].cause)] * 2 + [None]
+
+
+def test_a_note_does_not_hide_a_fault_of_the_same_cause():
+    """A refused watchdog was a fault, then a note for six seconds, then nothing."""
+    refused = "the board refused HEARTBEAT"
+    fault = Message(1, MessageKind.REFUSED, "error", refused)
+    again = Message(2, MessageKind.REFUSED, "info", refused)
+    assert (
+        shown((SessionState.FAULT, (fault,), ()), (SessionState.FAULT, (fault, again), ()))
+        == [(Severity.FAULT, refused)] * 2
+    )

@@ -11,11 +11,11 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from boat_daq.engine.snapshot import ElongationControl, LinkState, Phase, Progress, SessionState
+from boat_daq.engine.snapshot import ElongationControl, LinkState, Phase, Progress, RunEnding, SessionState
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import UndoHistory
 from boat_daq.viewmodels.live.sequence import STATE_TEXTS, SequenceModel, drawing, staircase
-from protocol.recording import BoardState, SampleFlag
+from protocol.recording import BoardState, RunEnd, SampleFlag
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, idle
 from tests.boat_daq.viewmodels.helpers import PLAN
 
@@ -170,4 +170,16 @@ def test_what_is_held_without_a_run_is_named():
     assert shown(elongation=on_the_way)[0] == "\u25cf Moving to +2.00 mm at +30 kPa"
     assert shown()[0] == "\u25cf Holding +30 kPa"
     assert shown(last={"pressure_kpa": 12.0})[0] == "\u25cf Moving to +30 kPa"
-    assert shown(last={"target_kpa": math.nan})[0] == "\u25cb Idle"
+    assert shown(last={"target_kpa": math.nan, "pressure_kpa": 0.2})[0] == "\u25cb Idle"
+
+
+def test_a_pressure_that_is_not_there_or_not_known_is_named():
+    """It was "Moving" for ever, "Idle" at +26 kPa after a refused vent, and "vented" with an invalid sensor."""
+    aborted = {"state": SessionState.ABORTED, "run_ended": RunEnding(RunEnd.ABORTED, "50 kPa was not reached in time")}
+    assert shown(last={"pressure_kpa": 0.1}, pressure_off=True)[0] == "\u25b2 Not at +30 kPa"
+    vented, unknown = {"target_kpa": math.nan, "pressure_kpa": 26.0}, {"target_kpa": math.nan, "pressure_kpa": math.nan}
+    assert shown(last=vented)[0] == "\u25cb Idle, at +26.0 kPa"
+    assert shown(last=vented, **aborted)[0] == "\u25a0 Stopped early, venting"
+    assert shown(last=vented, pressure_off=True, **aborted)[0] == "\u25a0 Stopped early, at +26.0 kPa"
+    assert shown(last=unknown, state=SessionState.FAULT)[0] == "\u25a0 Fault, pressure unknown"
+    assert shown(**aborted) == ("\u25cf Holding +30 kPa", "")  # by hand: the run before is over

@@ -26,7 +26,19 @@ from boat_daq.viewmodels.live.shadow_live import SCALES
 from boat_daq.viewmodels.results.metadata import MetadataModel
 
 CONNECTED = "Disconnect the board first."
+UNCONNECTED = "Connect a board first."
+NO_CURVE = "Analyse a run with readings first."
+NOT_NOW = {  # by the button of the run
+    "arm": "End the run first.",
+    "start": "Arm the plan first (F5).",
+    "pause": "No run is in progress.",
+    "stop": "No run is in progress.",
+    "disarm": "No plan is armed.",
+    "clear": "There is no fault.",
+}
 NO_GRID = "No plateau of the virtual board waits for a reading."
+ON_MEASURE = "Go to Measure (Ctrl+1)."
+NO_READING = "No plateau waits for a reading."
 CONTENTS = {  # what an operator types to find a page or a tab
     Page.MEASURE: "live run plot",
     Page.RECORDINGS: "runs units export compare recover report history",
@@ -53,6 +65,9 @@ def session(window: MainWindow) -> list[Command]:
     def has_port() -> bool:
         return model.snapshot.port is not None
 
+    def busy() -> bool:
+        return bool(model.jobs.running())
+
     def state_metadata() -> None:
         units, unit = model.units.of(simulated=model.snapshot.simulated), model.unit.name(model.snapshot)
         path, about = model.snapshot.recording, (units, unit, model.undo)
@@ -66,6 +81,7 @@ def session(window: MainWindow) -> list[Command]:
         attempt(show)
 
     first = partial(add, shortcut="", available=run.trial.possible, why=lambda: CONNECTED)
+    live = partial(add, available=model.connected, why=lambda: UNCONNECTED)
     start = partial(attempt, connection.start_virtual_board)
     more, stamp = partial(attempt, start_window), "operator customer item serial note ambient"
     streams = "lsl secop outlet server network"
@@ -78,14 +94,14 @@ def session(window: MainWindow) -> list[Command]:
         first("Quick trial", run=partial(attempt, run.trial.start), also="demo"),
         add("Open a window for another board", "", more, also="second session new"),
         add("Streams and remote control …", "", window.show_outlets, also=streams),
-        add("Disconnect", "", partial(attempt, connection.disconnect), has_port),
-        add("Start or close the recording", "Ctrl+R", run.toggle_recording, model.connected, apart=True),
-        add("Add marker …", "Ctrl+M", window.live.ask_marker, model.connected, also="mark note comment moment"),
+        add("Disconnect", "", partial(attempt, connection.disconnect), has_port, why=lambda: "No board is connected."),
+        live("Start or close the recording", "Ctrl+R", run.toggle_recording, apart=True),
+        live("Add marker …", "Ctrl+M", window.live.ask_marker, also="mark note comment moment"),
         add("Metadata …", "", state_metadata, also=stamp),
         add("Close the window", "Ctrl+Q", window.leave, apart=True, also="quit exit leave"),
-        seldom("Apply suggested action", strip.apply, strip.has_action, also="message do"),
-        seldom("Dismiss message", strip.dismiss, strip.has_notice),
-        seldom("Cancel task", strip.cancel_job, lambda: bool(model.jobs.running()), also="work job stop"),
+        seldom("Apply suggested action", strip.apply, strip.has_action, "No message offers one.", also="message do"),
+        seldom("Dismiss message", strip.dismiss, strip.has_notice, "There is no message."),
+        seldom("Cancel task", strip.cancel_job, busy, "No task is running.", also="work job stop"),
     ]
 
 
@@ -94,12 +110,18 @@ def edit(window: MainWindow) -> list[Command]:
     add, seldom = partial(Command, "Edit"), _seldom
     table = live.show_readings
     return [
-        add("Undo", "Ctrl+Z", partial(attempt, undo.undo), lambda: bool(undo.done)),
-        add("Redo", "Ctrl+Shift+Z", partial(attempt, undo.redo), lambda: bool(undo.undone)),
+        add("Undo", "Ctrl+Z", partial(attempt, undo.undo), lambda: bool(undo.done), why=lambda: "Nothing to undo."),
+        add(
+            "Redo",
+            "Ctrl+Shift+Z",
+            partial(attempt, undo.redo),
+            lambda: bool(undo.undone),
+            why=lambda: "Nothing to redo.",
+        ),
         add("Simulate this reading", "F2", run.read_grid, run.may_read_grid, apart=True, why=lambda: NO_GRID),
         add("Read from a photograph …", "", live.open_photograph),
         add("Import readings …", "", lambda: table().import_()),
-        seldom("Skip this reading", run.skip_reading, live.reading_is_due, also="without"),
+        seldom("Skip this reading", run.skip_reading, live.reading_is_due, NO_READING, also="without"),
         seldom("Paste readings", lambda: table().paste()),
         seldom("Simulate the reading at every plateau", run.toggle_read_all, also="all automatic grid elongation"),
         seldom("Show the readings", table),
@@ -134,9 +156,17 @@ def view(window: MainWindow) -> list[Command]:
             window.save_plot(chosen or visible[0], kind)
 
     save, plots, theme = partial(export_plot, "png svg csv"), live.plots, window.choose_theme
+    held = "hold pause picture"
     every = "psi bar volt percent celsius fahrenheit inch"
     return [
-        add("Freeze or follow the plot", "Space", live.model.toggle_freeze, is_measure, also="hold pause picture"),
+        add(
+            "Freeze or follow the plot",
+            "Space",
+            live.model.toggle_freeze,
+            is_measure,
+            why=lambda: ON_MEASURE,
+            also=held,
+        ),
         seldom("Show the whole session", partial(live.model.set_window, math.inf)),
         add("Overlay the last cycles", "", live.toggle_overlay),
         add("Usual layout of the plots", "", live.use_usual_layout, apart=True, also="hidden axis show all"),
@@ -160,13 +190,16 @@ def run(window: MainWindow) -> list[Command]:
         def allowed() -> bool:
             return key in model.sequence.allowed(model.snapshot)
 
-        return Command(menu, text, keys, partial(model.run.press, key), allowed, also=also)
+        def why() -> str:
+            return NOT_NOW[key] if model.snapshot.can_command else UNCONNECTED
+
+        return Command(menu, text, keys, partial(model.run.press, key), allowed, why=why, also=also)
 
     return [
         button("Arm the plan", "F5", "arm"),
         button("Start", "F6", "start", "begin run"),
         button("Pause", "F7", "pause"),
-        add("Resume", "", model.run.resume, model.run.may_resume),
+        add("Resume", "", model.run.resume, model.run.may_resume, why=lambda: "No run is paused."),
         button("Stop", "F8", "stop", "abort end"),
         button("Disarm", "", "disarm", menu=SELDOM),
         button("Clear the fault", "", "clear", menu=SELDOM),
@@ -210,20 +243,29 @@ def results(window: MainWindow) -> list[Command]:
     def certify() -> None:
         window.pages[Tab.CALIBRATION].show_certificate()
 
-    def exportable() -> bool:
-        return window.place is Tab.CALIBRATION and model.exports()
-
     kinds = "recording csv import table plan profile"
-    bands = "mcmc posterior sample"
+    bands, fitted = "mcmc posterior sample", partial(add, shortcut="", available=model.exports, why=lambda: NO_CURVE)
+
+    def no_run() -> str:
+        return "Analyse a run first."
+
     return [
         add("Open a file …", "Ctrl+O", open_file, also=kinds),
         add("Analyse the last run", "", on_page(model.analyse_current), also="calibrate fit"),
         add("Accept the calibration", "Ctrl+Return", model.request_acceptance, acceptable, why=not_acceptable),
-        add("Report of the run shown …", "", window.ask_report, has_report, apart=True, also="pdf html print"),
-        add("Certificate …", "", certify, exportable, also="iso 17025 dcc pdf xml customer laboratory"),
-        add("Export calibration …", "", export, exportable, also="c matlab octave json code table"),
+        add(
+            "Report of the run shown …",
+            "",
+            window.ask_report,
+            has_report,
+            apart=True,
+            why=no_run,
+            also="pdf html print",
+        ),
+        fitted("Certificate …", run=on_page(certify), also="iso 17025 dcc pdf xml customer laboratory"),
+        fitted("Export calibration …", run=on_page(export), also="c matlab octave json code table"),
         add("Prepare the control of elongation …", "", prepare_control, also="identify tune hysteresis gains"),
-        seldom("Compute uncertainty bands (emcee)", on_page(model.sample), has_result, also=bands),
+        seldom("Compute uncertainty bands (emcee)", on_page(model.sample), has_result, NO_CURVE, also=bands),
     ]
 
 
@@ -305,8 +347,10 @@ def help_(window: MainWindow) -> list[Command]:
     ]
 
 
-def _seldom(text: str, run: Callable[[], object], available: Callable[[], bool] = always, *, also: str = "") -> Command:
-    return Command(SELDOM, text, "", run, available, also=also)
+def _seldom(
+    text: str, run: Callable[[], object], available: Callable[[], bool] = always, why: str = "", *, also: str = ""
+) -> Command:
+    return Command(SELDOM, text, "", run, available, why=lambda: why, also=also)
 
 
 def _on_page(window: MainWindow, page: Place, run: Callable[[], object]) -> Callable[[], None]:

@@ -16,6 +16,7 @@ from PySide6.QtWidgets import (
 
 from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import (
+    LinkState,
     ReadingRequest,
     SessionState,
 )
@@ -25,12 +26,18 @@ from tests.boat_daq.gui.recorded_session import RecordedSession, connected, fill
 from tests.boat_daq.gui.windows import run_command, run_shortcut
 
 
-def test_unavailable_command_is_greyed_and_its_key_does_nothing(live):
-    """A command that has nothing to do is greyed and does nothing when its key is pressed."""
-    live.commands.refresh()
-    greyed = {c.text for c, a in live.commands.actions.items() if not a.isEnabled()}
-    assert {"Accept the calibration", "Compare the selected runs", "Skip this reading", "Undo"} <= greyed
-    assert {"Vent now", "Connect …", "Analyse the last run"} & greyed == set()
+def test_unavailable_command_is_greyed_and_says_why(live):
+    """A command that has nothing to do is greyed; why is shown on hover, and where the palette or its key runs it."""
+    silent = []
+    for link in (LinkState.UP, LinkState.CLOSED):
+        live.model.session.change(link=link)
+        live.refresh()
+        live.commands.refresh()
+        greyed = {c.text: c.why() for c, a in live.commands.actions.items() if not a.isEnabled()}
+        silent += [(link, text) for text, why in greyed.items() if not why]
+        assert {"Accept the calibration", "Compare the selected runs", "Skip this reading", "Undo"} <= greyed.keys()
+        assert {"Vent now", "Connect …", "Analyse the last run"} & greyed.keys() == set()
+    assert silent == []
 
 
 def test_a_session_by_keys_alone(make):

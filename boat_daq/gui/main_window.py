@@ -126,9 +126,6 @@ class MainWindow(QMainWindow):
             page = self._make_page(name)
             self.pages[name] = page
             self.scrolls[name].setWidget(page)
-            for plots in page.findChildren(PlotCard):
-                plots.copy_wanted.connect(self.copy_plot)
-                plots.save_wanted.connect(self.save_plot)
             self._paint(page)
             if self.strip.window() is self:
                 self._tab_to_strip_last()

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import QEvent, QPoint, QRectF, QSize, Qt, Signal
+from PySide6.QtCore import QEvent, QPoint, QRectF, QSize, Qt
 from PySide6.QtGui import QGuiApplication, QPainter, QPixmap
 from PySide6.QtSvg import QSvgGenerator
 from PySide6.QtWidgets import QFrame, QGraphicsItem, QGraphicsView, QMenu, QToolButton, QWidget
@@ -32,9 +32,6 @@ Columns = Mapping[str, Any]
 
 class PlotCard(QFrame):
     """Plots in a frame; `title` is also the accessible name and the stem of saved files."""
-
-    copy_wanted = Signal(object)  # the card; the window copies and confirms
-    save_wanted = Signal(object, str)  # the card and a suffix; the window asks for the file
 
     def __init__(self, title: str, explanation: str = "", *, show_title: bool = True) -> None:
         super().__init__()
@@ -61,9 +58,8 @@ class PlotCard(QFrame):
         self.heading.least = style.HEADING_LEAST
         self.heading.explain(explanation)
         self.readout = controls.label("", "small", elide=True)
-        self._exports = partial(self.copy_wanted.emit, self), partial(self.save_wanted.emit, self)
         tip = "Copy or save this plot; while this button has the focus, Ctrl+S saves it too"
-        self.menu_button = export_button(title, tip, *self._exports)
+        self.menu_button = export_button(title, tip, self._copy, self._save)
         self.bar = controls.row(self.heading, None, self.readout, self.menu_button)
         self.empty_text = controls.label("", "muted", wrap=True)
         self.empty_text.setAlignment(Qt.AlignmentFlag.AlignCenter)
@@ -72,11 +68,17 @@ class PlotCard(QFrame):
         self.inside = controls.column(self.bar, (self.view, 1), (self.empty_text, 1), spacing=0, margins=margins)
         self.setLayout(self.inside)
 
+    def _copy(self) -> None:
+        controls.owner(self, "copy_plot").copy_plot(self)
+
+    def _save(self, suffix: str) -> None:
+        controls.owner(self, "save_plot").save_plot(self, suffix)
+
     def _open_menu(self, at: QPoint) -> None:
         self.view.scene().clickEvents.clear()  # whose release goes to the menu: the next drag would be one of it
         menu = QMenu(self)
         menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        add_exports(menu, *self._exports)
+        add_exports(menu, self._copy, self._save)
         scene = self.view.mapToScene(at)
         shown = (plot for plot in self.plots if plot.item in self.view.ci.items)
         plot = next((plot for plot in shown if plot.item.sceneBoundingRect().contains(scene)), None)

@@ -221,15 +221,13 @@ class CalibrationPage(QWidget):
         return (*self.curves, self.loops, self.uncertainty)
 
     def _add_cards(self, sensors: int) -> None:
-        """Add the cards that are missing, two in a row; a later one is copied and saved like the first."""
+        """Add the cards that are missing, two in a row."""
         for i in range(len(self.curves), sensors):
             card = CurveCard(i + 1)
             self.curve_grid.addWidget(card, i // _BESIDE, i % _BESIDE)
             self.curves.append(card)
             if i >= _BESIDE:
                 card.paint_theme(self.curves[0].theme)
-                card.copy_wanted.connect(self.curves[0].copy_wanted)
-                card.save_wanted.connect(self.curves[0].save_wanted)
 
     def _show_sensors(self, sensors: int) -> None:
         self._add_cards(sensors)

@@ -12,7 +12,6 @@ from PySide6.QtCore import (
     QModelIndex,
     QObject,
     QPersistentModelIndex,
-    QPoint,
     QPointF,
     QRect,
     QSize,
@@ -135,8 +134,7 @@ class RunsPage(QWidget):
     def _filled(self) -> QWidget:
         self.actions_ = self._make_menu()
         self.buttons = self._run_buttons()
-        self.list.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
-        self.list.customContextMenuRequested.connect(self._show_menu)
+        self.list.addActions(self.menu.actions())
         frame, side = self._recordings_card(), self._units_card()
         self.cards = (side, self.compare_card)
         self.below = Leaves(side, self.compare_card)  # the latter in place of the units
@@ -183,11 +181,6 @@ class RunsPage(QWidget):
         self.more = controls.button("More", lambda: None, tip="Also with a right click on the list")
         self.more.setMenu(self.menu)
         return buttons
-
-    def _show_menu(self, at: QPoint) -> None:
-        """Show what can be done with the recording under the mouse."""
-        if self.list.indexAt(at).isValid():
-            self.menu.popup(self.list.viewport().mapToGlobal(at))
 
     def _recordings_card(self) -> QFrame:
         self.heading = controls.label("Recordings", "subtitle")
@@ -355,6 +348,8 @@ class RunsPage(QWidget):
         self._list()
         self._share_columns()
         self.units.fill(units, [cells[-1] for cells in units])
+        if units and not self.units.selectedIndexes():
+            self.units.selectRow(0)
         self.units.setVisible(bool(units))
         self.no_units.setText("" if units else NO_UNITS)
         self._fit_below()

@@ -54,8 +54,6 @@ class UnitWindow(QDialog):
         grid = QGridLayout()
         grid.setSpacing(style.GAP)
         for place, card in enumerate(self.cards.values()):
-            card.copy_wanted.connect(like.copy_wanted)
-            card.save_wanted.connect(like.save_wanted)
             card.paint_theme(like.theme)
             card.show_empty("Loading \u2026")
             grid.addWidget(card, place // 2, place % 2)

@@ -246,6 +246,14 @@ def allow(control: QWidget, obstacle: str = "") -> None:
         control.setAccessibleDescription(obstacle)
 
 
+def owner(widget: QWidget, method: str) -> Any:
+    """Return the nearest parent with a method of that name (the window has those that save); None without one."""
+    parent = widget.parentWidget()
+    while parent is not None and not hasattr(parent, method):
+        parent = parent.parentWidget()
+    return parent
+
+
 def grow(widget: QWidget) -> QWidget:
     widget.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
     return widget

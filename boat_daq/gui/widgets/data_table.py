@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QAbstractItemView, QHeaderView, QMenu, QTableView,
 
 from boat_daq.formatting import THIN
 from boat_daq.gui import style
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.controls import as_words
 from boat_daq.viewmodels.common import tables
 from protocol.base.units import MINUS
@@ -72,11 +73,10 @@ class DataTable(QTableWidget):
 
 
 def dress(table: QTableView, name: str) -> None:
-    """Give `table` its name, the look of every table (rows without grid and numbers), and the menu of every table."""
+    """Give `table` its name, the look of every table, and its menu: the table's own actions, copy and save."""
     table.setAccessibleName(name)
-    if table.contextMenuPolicy() is Qt.ContextMenuPolicy.DefaultContextMenu:
-        table.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
-        table.customContextMenuRequested.connect(partial(_open_menu, table))
+    table.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
+    table.customContextMenuRequested.connect(partial(_open_menu, table))
     table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
     table.setShowGrid(False)
     table.verticalHeader().hide()
@@ -88,6 +88,10 @@ def dress(table: QTableView, name: str) -> None:
 def _open_menu(table: QTableView, at: QPoint) -> None:
     menu = QMenu(table)
     menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+    menu.setToolTipsVisible(True)
+    if table.indexAt(at).isValid():
+        menu.addActions(table.actions())
+        menu.addSeparator()
     add_exports(menu, table)
     menu.popup(table.viewport().mapToGlobal(at))
 
@@ -98,9 +102,7 @@ def add_exports(menu: QMenu, table: QTableView) -> None:
     rows = list(range(table.model().rowCount()))
     copy = menu.addAction("Copy rows" if chosen else "Copy table", partial(_copy, table, chosen or rows))
     copy.setEnabled(bool(rows))
-    owner = table.parentWidget()
-    while owner is not None and not hasattr(owner, "save_table"):  # the main window, which asks for the file
-        owner = owner.parentWidget()
+    owner = controls.owner(table, "save_table")
     if owner is not None:
         menu.addAction("Save CSV \u2026", partial(owner.save_table, table)).setEnabled(bool(rows))
 

@@ -27,7 +27,7 @@ KINDS = ("png", "svg", "csv")
 UNIT = re.compile(r"\([^()]+\)$|_(s|kpa|mv|mm)$|, best = 1$")
 NUMBERS = re.compile(  # what is counted, ranked or a message has no unit
     r"(Cycle|Calibration|cycle|cavities|rank|increases n_sign|on the front|state|flags|segment|index|method|default"
-    r"|for|unit|setting|s\d_lit|s\d_dark|error)$"
+    r"|for|unit|setting|s\d_lit|s\d_dark|error|error / tolerance)$"
 )
 SVG = "{http://www.w3.org/2000/svg}"
 SHOWN = {

@@ -85,6 +85,11 @@ def test_export_is_made(runs, tmp_path, qtbot):
     """Export as CSV requests a place and has its content."""
     window, page = runs
     choose(page, 0)
+    page.list.customContextMenuRequested.emit(page.list.visualItemRect(page.list.item(0, 0)).center())
+    menu = QApplication.activePopupWidget()
+    menu.close()
+    assert QApplication.activePopupWidget() is None  # a second one was under it
+    assert {"Rename \u2026", "Copy rows", "Save CSV \u2026"} <= {action.text() for action in menu.actions()}
     csv_action, *_ = page.buttons["export"].menu().actions()
     csv_action.trigger()
     save_as(window, tmp_path / "run.csv")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QComboBox, QDialog, QGridLayout, QPlainTextEdit, QWidget
+from PySide6.QtWidgets import QComboBox, QDialog, QPlainTextEdit, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
@@ -51,7 +51,7 @@ class ConnectPanel(QDialog):
         self.refused = controls.label("", "", wrap=True, name="Why it is not connected")
         controls.set_state(self.refused, "fault")
         self.refused.hide()
-        grid, top = QGridLayout(), Qt.AlignmentFlag.AlignTop
+        grid, top = controls.grid(), Qt.AlignmentFlag.AlignTop
         for i, (text, control) in enumerate(
             (("Port", self.port), ("Unit", self.unit), ("Other firmware", self.profile))
         ):

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QComboBox, QGridLayout, QLabel, QLineEdit, QListWidget, QListWidgetItem, QWidget
+from PySide6.QtWidgets import QComboBox, QLabel, QLineEdit, QListWidget, QListWidgetItem, QWidget
 
 from boat_daq.engine.described import Described, StoredChange, described
 from boat_daq.engine.settings import Settings, Unit
@@ -106,7 +106,7 @@ class ValueForm(QWidget):
         self.rows = {
             about.key: ValueRow(about, partial(store, about.key), partial(reset, about.key)) for about in shown
         }
-        grid = QGridLayout()
+        grid = controls.grid()
         grid.setContentsMargins(0, 0, 0, 0)
         grid.setVerticalSpacing(0)
         grid.setColumnStretch(1, 1)

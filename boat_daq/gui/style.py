@@ -85,7 +85,6 @@ NARROW_BELOW = 1200  # a small or much enlarged screen: figures and pane shrink
 CLOSE_BELOW = 1440  # width of the window below which the parts of the header are close together
 STACKED_BELOW = 960  # a narrower page stacks its sides, each with the height below
 STACKED_HEIGHT = 280
-STACKED_TABLE = 480  # a table of figures with the text under it
 LOW_BELOW = 640  # in a lower window the staircase is hidden
 WIDE_FROM = 1600  # from this window width on the pane and the figures grow
 CONTROL_HEIGHT = 32

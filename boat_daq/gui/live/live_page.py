@@ -149,7 +149,7 @@ class FirstSteps(QScrollArea):
         frame.setMaximumWidth(style.FORM_WIDTH + style.PANE_WIDTH)
         inside.setContentsMargins(*(6 * style.STEP,) * 4)
         inside.setSpacing(style.GAP)
-        across = controls.row(None, (frame, 100), None)  # no alignment: an aligned frame does not wrap its text
+        across = controls.row(None, (frame, 1000), None)  # no alignment: an aligned frame does not wrap its text
         self.setWidgetResizable(True)
         self.setWidget(controls.holder(controls.column(None, across, None)))
 
@@ -250,7 +250,7 @@ class LivePage(QWidget):
         windows = [("all" if math.isinf(s) else formatting.span(s), s) for s in WINDOWS_S]
         self.window_choice = controls.choice("Time shown", windows, self.model.set_window)
         self.freeze = controls.button("Freeze plot", self.model.toggle_freeze, tip="Recording continues (Space)")
-        for widget in (controls.label("Show", "muted"), self.window_choice, self.freeze):
+        for widget in (self.freeze, controls.label("Show", "muted"), self.window_choice):
             self.plots.bar.insertWidget(self.plots.bar.count() - 1, widget)
         frame, self.head_card = controls.card(controls.row(self.figure_line, None))
         frame.setMinimumWidth(1)  # else figures too large for a new width would push the pane aside

@@ -23,7 +23,7 @@ from boat_daq.viewmodels.live.plan_editor import COLUMNS, LABELS, PlanEditor
 from boat_daq.viewmodels.live.sequence import SequenceModel
 from protocol.recording import SEGMENT_KINDS
 
-CELL_WIDTH = 72
+CELL_WIDTH = 64
 NOT_SEGMENTS = "Made in the tab Plan. Convert to segments to edit here."
 LOCKED = "A run uses this plan."
 
@@ -41,7 +41,6 @@ class PlanEditorPanel(QDialog):
         self.quantity = controls.choice("Quantity", [(q, q) for q in QUANTITIES], self._do(self.model.set_quantity))
         self.grid, self.loops = QGridLayout(), QGridLayout()
         self.grid.setColumnStretch(len(COLUMNS) + 6, 1)
-        self.grid.setHorizontalSpacing(style.STEP)  # all columns in a narrow window
         self.loops.setColumnStretch(4, 1)
         self.cells: list[dict[str, Any]] = []
         self.loop_entries = [controls.field(name, width=CELL_WIDTH) for name in ("From segment", "To segment", "Times")]
@@ -129,7 +128,7 @@ class PlanEditorPanel(QDialog):
         if not self.model.editable:
             return
         for k, text in enumerate(("", "Segment", *self.model.headings(), "Reading")):
-            self.grid.addWidget(controls.label(text, "muted"), 0, k)
+            self.grid.addWidget(controls.label(text, "small"), 0, k)
         for i, segment in enumerate(self.model.plan.segments):
             self._add_row(i, segment)
         for i, loop in enumerate(self.model.plan.loops):

@@ -25,7 +25,7 @@ from boat_daq.viewmodels.live.readings import SOON_S, TABLE_COLUMNS, ReadingsMod
 from boat_daq.viewmodels.live.run_model import RunModel
 from protocol.base.errors import RequestError
 
-EDITABLE, REMARK = 3, 4  # columns
+BRANCH, EDITABLE, REMARK = 1, 3, 4  # columns
 BY_HAND, BY_PHOTOGRAPH, BY_CAMERA = "typed", "photograph", "camera"
 WAYS = (("Typed", BY_HAND), ("Photograph", BY_PHOTOGRAPH), ("Camera", BY_CAMERA))
 WAYS_TIP = "Where readings come from; each can be corrected in the table"
@@ -317,9 +317,12 @@ class ReadingsView(QTableView):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Leave the remarks to the tooltips in a narrow pane: pressures and readings are never cut."""
-        self.setColumnHidden(REMARK, self.width() < style.PANE_WIDTH_NARROW + 4 * style.STEP)
-        for part in (self, self.horizontalHeader()):
-            controls.set_state(part, "dense" if self.width() < style.PANE_WIDTH_WIDE else "", "role")
+        narrow = self.width() < style.PANE_WIDTH_NARROW + 4 * style.STEP
+        self.setColumnHidden(REMARK, narrow)
+        mode = QHeaderView.ResizeMode
+        self.horizontalHeader().setSectionResizeMode(BRANCH, mode.Stretch if narrow else mode.ResizeToContents)
+        for table in (self, self.horizontalHeader()):
+            controls.set_state(table, "dense" if self.width() < style.PANE_WIDTH_WIDE else "", "role")
         super().resizeEvent(event)
 
     def keyPressEvent(self, event: QKeyEvent) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
-from PySide6.QtWidgets import QComboBox, QDialog, QGridLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QDialog, QWidget
 
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls
@@ -24,9 +24,8 @@ class UnitsPanel(QDialog):
         self.choice, self.attempt, self.changed = choice, services.notices.attempt, changed
         self.setWindowTitle("Units of the values")
         self.setMinimumWidth(style.FORM_WIDTH)
-        self.grid = QGridLayout()
+        self.grid = controls.grid()
         self.grid.setColumnStretch(2, 1)  # the fields are beside their names
-        self.grid.setVerticalSpacing(style.STEP)
         self.units: dict[str, QComboBox] = {}
         for row, (quantity, name) in enumerate(_NAMES.items()):
             entries = [

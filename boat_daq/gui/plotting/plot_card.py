@@ -41,7 +41,7 @@ class PlotCard(QFrame):
         self.plots: list[Plot] = []
         self.theme: Theme = style.LIGHT
         self._signal_unit = STORED_UNITS.voltage
-        self._readout_below = False
+        self._readout_below, self._readout_at = False, 0
         self.view = pg.GraphicsLayoutWidget()
         self.view.setFrameShape(QFrame.Shape.NoFrame)
         self.view.setCacheMode(QGraphicsView.CacheModeFlag.CacheNone)  # filling one colour is faster than copying
@@ -115,21 +115,23 @@ class PlotCard(QFrame):
         return super().event(event)
 
     def _place_readout(self) -> None:
-        """Show the readout beside the title, or below where both do not fit: neither is cut."""
+        """Show the readout, where it has a text, beside the title, or below where both do not fit: neither is cut."""
+        self.readout.setVisible(bool(self.readout.text()))
         margins = self.inside.contentsMargins()
         needed = self.bar.sizeHint().width() + margins.left() + margins.right()
-        if self._readout_below:
+        if self._readout_below and self.readout.text():
             needed += self.readout.sizeHint().width() + self.bar.spacing()
         below = needed + style.GAP > self.width()  # a label that is a pixel short would be cut
         if below is self._readout_below:
             return
         self._readout_below = below
         if below:
+            self._readout_at = self.bar.indexOf(self.readout)
             self.bar.removeWidget(self.readout)
             self.inside.insertWidget(1, self.readout)
         else:
             self.inside.removeWidget(self.readout)
-            self.bar.insertWidget(self.bar.indexOf(self.menu_button), self.readout)
+            self.bar.insertWidget(self._readout_at, self.readout)
 
     def add(
         self,

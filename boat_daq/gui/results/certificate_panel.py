@@ -51,7 +51,9 @@ class CertificatePanel(FormDialog):
         side.setWidgetResizable(True)
         side.setFrameShape(QFrame.Shape.NoFrame)
         side.setFixedWidth(style.PANE_WIDTH)
-        side.setWidget(controls.inside(controls.column(self.outcome, self.words, form, None, spacing=style.GAP)))
+        entries = controls.inside(controls.column(self.outcome, self.words, form, None, spacing=style.GAP))
+        entries.setContentsMargins(0, 0, style.GAP, 0)  # beside its scroll bar
+        side.setWidget(entries)
         shown = controls.row(side, (self.area, 1))
         self.setLayout(controls.column((shown, 1), buttons, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
         screen = self.screen().availableSize()

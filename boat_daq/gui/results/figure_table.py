@@ -75,6 +75,7 @@ class FigureTable(DataTable):
         super().__init__(name)
         self.units = STORED_UNITS
         self._rows: tuple[Sequence[Sequence[Cell]], Sequence[str]] = ((), ())
+        self._stacked = False
         self.lines = TwoLines(self)
         self.setItemDelegate(self.lines)
 
@@ -91,7 +92,17 @@ class FigureTable(DataTable):
         self.fill([shown_row(row, self.units) for row in rows])
         self.setVisible(bool(rows))  # no heading over nothing
         self.resizeRowsToContents()
+        self.stack(self._stacked)
         self._share()
+
+    def whole_height(self) -> int:
+        rows = self.horizontalHeader().height() + self.verticalHeader().length()
+        return rows + 2 * self.frameWidth() + 2 * style.STEP
+
+    def stack(self, stacked: bool) -> None:
+        """Show every row on a page that stacks its parts, and scrolls itself."""
+        self._stacked = stacked
+        self.setMinimumHeight(self.whole_height() if stacked and self.rowCount() else 0)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Give the names the remaining width."""
@@ -128,6 +139,5 @@ class KeyFigures(QWidget):
     ) -> None:
         self._rows = key, every, sensors
         self.table.show_rows(every if self.all.isChecked() or not key else key, sensors)
-        rows, frame = self.table.verticalHeader().length(), 2 * self.table.frameWidth()
-        self.table.setMaximumHeight(self.table.horizontalHeader().height() + rows + frame + 2 * style.STEP)
+        self.table.setMaximumHeight(self.table.whole_height())
         self.all.setVisible(bool(key) and len(every) > len(key))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtWidgets import QComboBox, QDialog, QGridLayout, QWidget
+from PySide6.QtWidgets import QComboBox, QDialog, QWidget
 
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls
@@ -55,8 +55,7 @@ class ImportPanel(QDialog):
 
     def _form(self) -> QWidget:
         """Return quantities and their columns in two columns, then what holds for the whole file."""
-        grid, rows = QGridLayout(), (len(ROLES) + 1) // 2
-        grid.setVerticalSpacing(style.STEP)
+        grid, rows = controls.grid(), (len(ROLES) + 1) // 2
         for i, (role, name) in enumerate(ROLES.items()):
             for k, widget in enumerate((controls.label(name), self.columns[role], self.units[role])):
                 grid.addWidget(widget, i % rows, k + (4 if i >= rows else 0))

@@ -195,6 +195,7 @@ class RepeatPage(QWidget):
             stacks=True,
             stacked_height=style.STACKED_HEIGHT,
         )
+        sides.restacked.connect(self.table.stack)
         return controls.holder(controls.column(head, (sides, 1), spacing=style.GAP))
 
     def refresh(self, snapshot: SessionSnapshot) -> None:

@@ -183,8 +183,7 @@ class RunsPage(QWidget):
         return buttons
 
     def _recordings_card(self) -> QFrame:
-        self.heading = controls.label("Recordings", "subtitle")
-        head = controls.row(self.heading, None, *self.buttons.values(), self.more)
+        head = controls.row(controls.label("Recordings", "subtitle"), None, *self.buttons.values(), self.more)
         self.search = controls.field("Search the recordings", placeholder="Search: unit, date, note, file")
         self.search.textChanged.connect(self._list)
         place = partial(open_folder, self.model.folder, self.services)
@@ -209,11 +208,9 @@ class RunsPage(QWidget):
         return side
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Hide the heading on a narrow page, so that the buttons fit."""
-        narrow = self.width() < style.STACKED_BELOW
-        self.heading.setVisible(not narrow)
+        """Halve the pictures on a narrow page."""
         self._fit_below()
-        self.list.setColumnWidth(0, style.THUMBNAIL[0] // (2 if narrow else 1))
+        self.list.setColumnWidth(0, style.THUMBNAIL[0] // (2 if self.width() < style.STACKED_BELOW else 1))
         super().resizeEvent(event)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
@@ -356,14 +353,15 @@ class RunsPage(QWidget):
         self._enable()
 
     def _fit_below(self) -> None:
-        """Leave the list the height where there are neither units nor a comparison."""
-        head = self.over_time.sizeHint().height() + 2 * style.CARD_PADDING
-        empty = not self.model.unit_lines
-        self.cards[0].setMaximumHeight(head if empty else style.UNLIMITED)
+        """Leave the list the height that the units do not need and no comparison takes."""
+        units, (card, compared) = self.units, self.cards
+        needed = self.over_time.sizeHint().height() + 2 * style.CARD_PADDING
+        if self.model.unit_lines:
+            needed += units.horizontalHeader().height() + units.verticalHeader().length() + 2 * style.STEP
         least = style.STACKED_HEIGHT if self.width() < style.STACKED_BELOW else 0
-        for card in self.cards:
-            card.setMinimumHeight(least if card.maximumHeight() == style.UNLIMITED else 0)
-        self.below.setMaximumHeight(head if empty and self.below.currentIndex() == 0 else style.UNLIMITED)
+        card.setMinimumHeight(min(needed, least))
+        compared.setMinimumHeight(least)
+        self.below.setMaximumHeight(needed if self.below.currentIndex() == 0 else style.UNLIMITED)
 
     def _list(self) -> None:
         """List the recordings that match the search; those that were chosen stay chosen."""

@@ -23,6 +23,8 @@ from PySide6.QtWidgets import (
     QMenu,
     QPushButton,
     QSizePolicy,
+    QStyle,
+    QStyleOptionComboBox,
     QTabWidget,
     QToolButton,
     QVBoxLayout,
@@ -77,6 +79,16 @@ class ElidedLabel(QLabel):
         self.setToolTip("\n".join(part for part in (cut, self.explanation) if part))
 
 
+class Choice(QComboBox):
+    """A choice whose text is cut with an ellipsis where it does not fit."""
+
+    def initStyleOption(self, option: QStyleOptionComboBox) -> None:
+        super().initStyleOption(option)
+        part = QStyle.SubControl.SC_ComboBoxEditField
+        width = self.style().subControlRect(QStyle.ComplexControl.CC_ComboBox, option, part, self).width()
+        option.currentText = self.fontMetrics().elidedText(self.currentText(), Qt.TextElideMode.ElideRight, width)
+
+
 def label(
     text: str = "", role: str = "", *, name: str = "", wrap: bool = False, elide: bool = False, least: int = 0
 ) -> QLabel:
@@ -115,7 +127,7 @@ def choice(
     name: str, entries: Iterable[tuple[str, Any]], on_choice: Callable[[Any], object] | None = None, *, tip: str = ""
 ) -> QComboBox:
     """Return a choice of (text, value) entries; `on_choice` is called with the value that the operator chooses."""
-    widget = QComboBox()
+    widget = Choice()
     widget.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToContents)
     for text, value in entries:
         widget.addItem(text, value)
@@ -148,18 +160,25 @@ def menu_button(text: str, tip: str) -> QToolButton:
     return made
 
 
+def grid() -> QGridLayout:
+    """Return a grid for names and their fields."""
+    made = QGridLayout()
+    made.setHorizontalSpacing(style.GAP)
+    made.setVerticalSpacing(style.STEP)
+    return made
+
+
 def form(rows: Iterable[tuple[str | QWidget, QWidget, str | QWidget]]) -> QGridLayout:
     """Return a grid with a row for each (name, field, unit); name and unit are texts, or labels that change."""
-    grid = QGridLayout()
-    grid.setVerticalSpacing(style.STEP)
-    grid.setColumnStretch(0, 1)
+    filled = grid()
+    filled.setColumnStretch(0, 1)
     for i, (text, control, unit) in enumerate(rows):
         name = label(text) if isinstance(text, str) else text
         unit = label(unit, "muted") if isinstance(unit, str) and unit else unit
         for k, widget in enumerate((name, control, unit)):
             if isinstance(widget, QWidget):  # a column without units takes no space
-                grid.addWidget(widget, i, k)
-    return grid
+                filled.addWidget(widget, i, k)
+    return filled
 
 
 def clear(grid: QGridLayout) -> None:

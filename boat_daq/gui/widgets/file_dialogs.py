@@ -25,7 +25,7 @@ class FileDialog(QFileDialog):
         option = QFileDialog.Option
         usual = option.DontUseNativeDialog | option.DontConfirmOverwrite | option.ReadOnly
         self.setOptions(usual | option.HideNameFilterDetails)
-        self.resize(style.PAGE_WIDTH, style.STACKED_TABLE)  # every column of its list is seen
+        self.resize(style.PAGE_WIDTH, style.WINDOW_MINIMUM[1])  # every column of its list is seen
         self._confirmed: Path | None = None
 
     def accept(self) -> None:

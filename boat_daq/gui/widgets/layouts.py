@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from PySide6.QtCore import QEvent, QObject, QSize, Qt
+from PySide6.QtCore import QEvent, QObject, QSize, Qt, Signal
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QBoxLayout, QFrame, QScrollArea, QSplitter, QWidget
 
@@ -148,6 +148,8 @@ class Divided(QSplitter):
     stacks : whether the parts are stacked on a narrow page, which then scrolls; the main one is so high then.
     """
 
+    restacked = Signal(bool)  # whether the parts are stacked now
+
     def __init__(
         self,
         name: str,
@@ -186,7 +188,7 @@ class Divided(QSplitter):
             self.stacked = narrow
             self.setOrientation(Qt.Orientation.Vertical if narrow else Qt.Orientation.Horizontal)
             self._main.setMinimumHeight(self._stacked_height if narrow else 0)
-            self._side.setMinimumHeight(style.STACKED_TABLE if narrow else 0)
+            self.restacked.emit(narrow)
         self._share()
 
     def _store(self) -> None:

@@ -36,6 +36,7 @@ from protocol.base.units import NOTHING, as_text
 SPACING = 6  # between the parts of a value
 ELONGATION_NOTES = (("\u00b18.88 stand-in", "\u25b2 out of range"), ("\u00b18.88", "\u25b2 stand-in"))
 TARGET_NOTES = (("was +88.8",), ("\u2192 +88.8", "was +88.8"))
+_FEW_SPANS = 3  # of which the columns have more space in the tab
 _SENSORS, _BESIDE = 4, 2  # of a board at most; of those at most whose values are beside the others
 BAND = (
     "Expanded uncertainty, k = 2; not valid where sensors disagree or the elongation is out of range\n"
@@ -387,8 +388,9 @@ class LivePage(QWidget):
             self.guard.show(self.overlay, "The overlay", self.overlay.draw)
         if "plan_editor" in vars(self):
             self.guard.show(self.plan_editor, "The plan of segments", partial(self.plan_editor.refresh, snapshot))
-        self.frozen.setVisible(not self.model.following)
-        self.freeze.setVisible(self.model.following)
+        shown, other = (self.freeze, self.frozen) if self.model.following else (self.frozen, self.freeze)
+        other.hide()  # first: both together would push the pane aside
+        shown.show()
         shown_s = self.model.window_s
         self.window_choice.setCurrentIndex(WINDOWS_S.index(shown_s) if shown_s in WINDOWS_S else -1)
         self.guard.show(self.plots, "The marks in the plots", partial(self._show_marks, snapshot))
@@ -442,7 +444,8 @@ class LivePage(QWidget):
         at = self.pane.indexOf(self.between)
         if spans:
             cells = [(span.short, *span.cells[1:-1], span.cells[-1].removesuffix(" dB")) for span in spans]
-            upright = table(list(zip(("", *HEADINGS_SHORT), *cells, strict=True)), style.STEP)
+            space = (2 if len(cells) <= _FEW_SPANS else 1) * style.STEP
+            upright = table(list(zip(("", *HEADINGS_SHORT), *cells, strict=True)), space)
             self.between.setText(f"<p>{self.model.difference()}</p>{upright}")
             if at < 0:
                 self._before = self.pane.currentIndex()

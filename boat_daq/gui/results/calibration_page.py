@@ -240,8 +240,7 @@ class CalibrationPage(QWidget):
         controls.grow(self.upper)
         left = Shares("curves", self.services.preferences, (self.upper, 5), (self.loops, 4))
         sides = Divided("calibration", self.services.preferences, left, self._side(), SIDE, stacks=True)
-        for table in (self.table, self.budget):
-            sides.restacked.connect(table.stack)
+        sides.restacked.connect(self.table.stack)
         return controls.holder(controls.column(self._head(), (sides, 1), spacing=style.GAP))
 
     def _head(self) -> QWidget:

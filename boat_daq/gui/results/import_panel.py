@@ -34,7 +34,10 @@ class ImportPanel(QDialog):
         self.preview.setMinimumHeight(4 * style.CONTROL_HEIGHT)
         self.columns = {role: controls.choice(f"Column: {name}", ()) for role, name in ROLES.items()}
         self.units = {role: controls.choice(f"Unit: {name}", ()) for role, name in ROLES.items()}
-        for role in ROLES:
+        for role, unit in self.units.items():
+            policy = unit.sizePolicy()
+            policy.setRetainSizeWhenHidden(True)  # only a column that is chosen has one
+            unit.setSizePolicy(policy)
             self.columns[role].activated.connect(partial(self._choose, role))
             self.units[role].activated.connect(partial(self._choose, role))
         self.separator = controls.choice("Separator", SEPARATORS, model.separate)
@@ -139,4 +142,4 @@ def _fill(choice: QComboBox, entries: Sequence[tuple[str, object]], value: objec
     for text, entry in entries:
         choice.addItem(text, entry)
     choice.setCurrentIndex(choice.findData(value))
-    choice.setEnabled(bool(entries))
+    choice.setVisible(bool(entries))

@@ -152,14 +152,21 @@ def test_unplugged_board_shows_no_pressure(live):
 
 
 def test_frozen_plots_say_so_and_follow_again(live):
-    """A whole run showed the old picture; the only sign was a tinted button."""
+    """A whole run showed the old picture; the only sign was a tinted button. The banner moves nothing else."""
     page = live.live
+    live.resize(853, 600)
+    live.refresh()
+    QApplication.processEvents()
+    before = page.window_choice.geometry(), page.plots.view.geometry().top()
     page.model.toggle_freeze()
     live.refresh()
     assert page.frozen.isVisible()
     assert not page.freeze.isVisible()
-    live.resize(853, 600)
     QApplication.processEvents()
+    QApplication.processEvents()
+    after = page.window_choice.geometry(), page.plots.view.geometry().top()
+    assert after[0].x() == before[0].x()
+    assert abs(after[1] - before[1]) <= 4  # its frame
     assert live.scrolls["Measure"].horizontalScrollBar().maximum() == 0
     assert page.frozen.width() >= page.frozen.sizeHint().width()
     page.follow.click()

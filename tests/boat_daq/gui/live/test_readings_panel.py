@@ -49,7 +49,13 @@ def test_keyboard_returns_to_the_reading_field(running, qtbot):
         StepMark(2, 1, "unloading", 20.0, 10.0, 1),
     )
     running.model.session.change(waiting_for_reading=ASKED)
-    live.show_readings()
+    view = live.show_readings().view
+    for width in (853, 1280):  # the columns take the whole table, their heads stand apart
+        running.resize(width, 600)
+        QApplication.processEvents()
+        header = view.horizontalHeader()
+        assert header.length() == view.viewport().width()
+        assert header.sectionSizeHint(0) - header.fontMetrics().horizontalAdvance("Cycle") >= 8
     running.refresh()
     live.ask_marker()
     QTest.keyClicks(live.note, "tapped")

@@ -9,7 +9,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 from PySide6.QtGui import QGuiApplication, QImage
-from PySide6.QtWidgets import QApplication, QToolButton
+from PySide6.QtWidgets import QApplication, QLabel, QToolButton
 
 from boat_daq.engine.plan import StepMark
 from boat_daq.gui import style
@@ -227,6 +227,7 @@ def test_title_and_readout_of_a_card_are_never_cut(qtbot):
     qtbot.addWidget(card)
     card.readout.setText("\u25cf Pareto-optimal (label: number of rises)   \u25c6 paper's")
     beside = []
+    card.bar.insertWidget(card.bar.count() - 1, last := QLabel("last"))
     for width in (900, 420, 900):
         card.resize(width, 300)
         card.show()
@@ -236,6 +237,12 @@ def test_title_and_readout_of_a_card_are_never_cut(qtbot):
         for label in (card.heading, card.readout):
             assert label.width() >= label.sizeHint().width()
     assert beside == [True, False, True]
+    assert card.readout.geometry().right() < last.geometry().left()  # as before
+    card.readout.setText("")
+    card.resize(200, 300)
+    QApplication.processEvents()
+    QApplication.processEvents()
+    assert not card.readout.isVisible()  # it took a line
 
 
 @pytest.mark.parametrize(("width", "height"), [(220, 110), (300, 110), (700, 400)])

@@ -210,6 +210,15 @@ def test_six_figures_are_shown_and_all_on_request(live):
     page.figures.all.click()
     assert page.table.rowCount() == 9
     assert live.model.preferences.get("all figures results") is True
+    live.resize(853, 600)  # the page scrolls there, and the table does not
+    QApplication.processEvents()
+    QApplication.processEvents()
+    assert page.table.verticalScrollBar().maximum() == 0
+    page.figures.all.click()
+    for _ in range(10):
+        QApplication.processEvents()
+    below = page.figures.height() - page.figures.all.geometry().bottom()
+    assert below < page.figures.all.height()  # nothing empty under the six
 
 
 def test_loops_are_opened_and_drawn_with_the_limit(live):

@@ -321,6 +321,7 @@ class SessionSnapshot:
     pressure_off: bool = False  # a pressure set manually is not there, or one stays on a vented unit
     messages: tuple[Message, ...] = ()  # the newest 50
     run_ended: RunEnding | None = None  # the last run; None before the first ends, and during the next
+    refused_first: bool = False  # the board refused the first pressure of the run: nothing was measured
     recording: Path | None = None
     recorded_s: float = 0.0
     not_saving: str = ""  # why the recorder saves nothing at present; empty while it does

@@ -98,7 +98,7 @@ def run_session(
     notify: Notify = lambda _: None,
     progress_bar: ProgressBar = _silent,
 ) -> SessionOutcome:
-    """Run one session to its end. A run in millimetres that is refused before its first step leaves no recording.
+    """Run one session to its end. A refused first pressure, or refused control in millimetres, leaves no recording.
 
     Parameters
     ----------
@@ -237,16 +237,17 @@ def _follow(
             enough.follow(seen)
             if seen.state in _ENDED or seen.link in (LinkState.LOST, LinkState.FAILED, LinkState.CLOSED):
                 break
-    if plan.controls_elongation and not session.steps():
-        told = [message for message in seen.messages if message.level != "info"]
+    if seen.refused_first or (plan.controls_elongation and not session.steps()):
+        told = [message for message in seen.messages if message.level == "error"]
         cause, remedy = (told[-1].cause, told[-1].remedy) if told else ("it was vented before it began", "")
-        raise DeviceError(f"the elongation was not controlled: {cause}", remedy)
+        raise DeviceError(f"the elongation was not controlled: {cause}" if plan.controls_elongation else cause, remedy)
 
 
 def _may_go(session: Session, request: SessionRequest) -> bool:
-    """Return whether the recording of a refused run is this session's own, in millimetres, and without a step."""
-    own = request.broken is None and session.snapshot().recording == request.path
-    return own and request.plan is not None and request.plan.controls_elongation and not session.steps()
+    """Return whether the recording of a refused run is this session's own, and holds nothing that was measured."""
+    seen, plan = session.snapshot(), request.plan
+    own = request.broken is None and seen.recording == request.path
+    return own and plan is not None and (seen.refused_first or (plan.controls_elongation and not session.steps()))
 
 
 def _listen(session: Session, duration_s: float | None, notify: Notify, progress_bar: ProgressBar) -> None:

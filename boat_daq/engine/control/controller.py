@@ -66,6 +66,8 @@ class Controller:
         self.sequencer = Sequencer()
         self.interlock = Interlock()
         self.flat_line, self._sensors, self._pressure = FlatLine(), SensorAlarms(), PressureWatch()
+        self.refused_first = False  # the board refused the first pressure of its run: nothing was measured
+        self._obeyed = False  # it acknowledged one since
         self._engaged = False  # the board has reported that it is at the pressure commanded, or on its way
         self.hello: messages.Hello | None = None
         self.last: LastSample | None = None
@@ -208,6 +210,7 @@ class Controller:
         if self.sequencer.state is not SessionState.ARMED:
             raise RequestError(f"cannot start while the run is {self.sequencer.state}", "arm a plan first")
         self._require_speed_of_run()
+        self.refused_first = self._obeyed = False
         self._once_guarded(lambda: self._begin_run(self.sequencer.start), extra)
 
     def resume(self) -> None:
@@ -463,9 +466,12 @@ class Controller:
 
     def _answered(self, command: messages.Command, status: messages.AckStatus | int) -> None:
         if status != messages.AckStatus.DONE:
+            first = isinstance(command, messages.SetPressure) or self.board.pending
+            self.refused_first = first and not self._obeyed
             self._trip(self.board.refused(command, status, pressurised=self.pressurised))
             return
         if isinstance(command, messages.SetPressure):
+            self._obeyed = True
             if command == self._unanswered:
                 self._unanswered = None
             if self.loop is not None:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from boat_daq.engine.link.block import Block
 from boat_daq.engine.sample_columns import channel_values, columns
 from protocol.link.events import Samples
+from protocol.link.sample_stream import PRESSURE_MAX_PA, PRESSURE_MIN_PA
 from protocol.recording import ExtraChannel, SampleFlag
 
 Columns2D = NDArray[np.float64]  # [column, entry]; column 0 never falls
@@ -168,7 +169,8 @@ _CAMERA = ExtraChannel("camera", "mm")
 CAMERA_U = "camera_u_mm"
 ARRIVALS_KEPT = 64  # blocks, of which the least delayed relates the host's clock to the board's
 _IMPLAUSIBLE = int(SampleFlag.IMPLAUSIBLE)
-_NOT_SHOWN = _IMPLAUSIBLE | int(SampleFlag.PRESSURE_INVALID)
+_UNKNOWN = int(SampleFlag.PRESSURE_INVALID)
+_NOT_SHOWN = _IMPLAUSIBLE | _UNKNOWN
 
 
 class CameraTrace:
@@ -262,7 +264,9 @@ class RingBuffer:
         if self.others:
             entries[self._signals.stop :] = list(channel_values(samples, self.others).values())
         if int(np.bitwise_or.reduce(flags)) & _NOT_SHOWN:
-            entries[1, (flags & _NOT_SHOWN) != 0] = np.nan
+            pa = samples["pressure_pa"]  # that of a sample with an impossible signal is known
+            known = (flags & _UNKNOWN == 0) & (pa >= PRESSURE_MIN_PA) & (pa <= PRESSURE_MAX_PA)
+            entries[1, ~known] = np.nan
             entries[self._signals, (flags & _IMPLAUSIBLE) != 0] = np.nan
         self._pyramid.append(entries)
         if len(samples) > 1:

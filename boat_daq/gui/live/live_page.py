@@ -406,21 +406,24 @@ class LivePage(QWidget):
                 self.guard.show(tab, name, partial(tab.refresh, snapshot))
 
     def _show_values(self, snapshot: SessionSnapshot) -> None:
-        """Show the values, those of data that have ended grey with their age."""
+        """Show the values; of data that have ended none: what was is noted beside it where there is room."""
         head, age, figures = self.model.headline(snapshot), age_text(snapshot), self.figures
         sensors = self.model.sensors() or _BESIDE
         if sensors != self.sensors:
             self.sensors = sensors
             self._fit_figures()
         signals = (*head.signals, *[NOTHING] * (_SENSORS - len(head.signals)))
-        for name, signal in zip(list(figures)[:_SENSORS], signals, strict=True):
-            figures[name].set(signal, age=age)
-        figures["mm"].set(head.elongation, age or (head.band_short if self.narrow else head.band), age)
+        shown = dict(zip(list(figures)[:_SENSORS], signals, strict=True))
+        shown |= {"mm": head.elongation, "kpa": head.pressure, "target": head.target}
         if age:  # nothing tells whether the unit is still under pressure
-            figures["kpa"].set(NOTHING, f"was {head.pressure}" if head.pressure != NOTHING else "", age)
-        else:
-            figures["kpa"].set(head.pressure, f"\u2192 {head.target}" if self.narrow and head.target != NOTHING else "")
-        figures["target"].set(NOTHING if age else head.target, age=age)
+            for name, text in shown.items():
+                noted = text != NOTHING and (name == "kpa" or not self.narrow)
+                figures[name].set(NOTHING, f"was {text}" if noted and name != "target" else "", age)
+            return
+        for name, text in shown.items():
+            figures[name].set(text)
+        figures["mm"].set(head.elongation, head.band_short if self.narrow else head.band)
+        figures["kpa"].set(head.pressure, f"\u2192 {head.target}" if self.narrow and head.target != NOTHING else "")
 
     def _show_marks(self, snapshot: SessionSnapshot) -> None:
         limits = snapshot.limits

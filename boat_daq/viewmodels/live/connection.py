@@ -102,11 +102,12 @@ def _figures(snapshot: SessionSnapshot) -> tuple[tuple[str, str], ...]:
     damaged = counts.crc_errors + counts.malformed
     rate = f"{number(health.rate_hz, 1)} Hz" if health.rate_hz else f"{NOTHING} Hz"
     age = age_text(snapshot)
+    delay = "" if age else f"Delay {number(health.lag_ms, 0)} ms".ljust(len("Delay 100 ms"), _DIGIT)
     return (
         (f"Last data {age}", "off") if age else (rate, "warning" if off else ""),
         (f"{counts.lost} lost", "warning" if counts.lost else ""),
         (f"{damaged} damaged", "warning" if damaged else ""),
-        (f"Delay {number(health.lag_ms, 0)} ms".ljust(len("Delay 100 ms"), _DIGIT), "warning" if health.late else ""),
+        (delay, "warning" if health.late else ""),
     )
 
 

@@ -345,7 +345,7 @@ class LiveModel:
         """Return the mean of each column over the last moment, for all readouts; empty before the first sample."""
         ring = self.ring()
         recent = ring.view(self.now_s() - HEADLINE_S) if ring is not None and self.has_data() else {}
-        return {name: float(values.mean()) for name, values in recent.items() if values.size}
+        return {name: _mean(values) for name, values in recent.items() if values.size}
 
     def values_at(self, time_s: float) -> dict[str, float]:
         """Return the mean of each column about an instant, or the nearest sample; empty where there are no data."""
@@ -359,7 +359,7 @@ class LiveModel:
             found = {name: values[nearest] for name, values in around.items()}
         if not found["time_s"].size:
             return {}
-        means = {name: float(values.mean()) for name, values in found.items()}
+        means = {name: _mean(values) for name, values in found.items()}
         if self.inverse is not None:
             at = self.inverse(signals(means))
             means |= {"elongation_mm": float(at.mm[0]), "expanded_mm": float(at.expanded_mm[0])}
@@ -453,6 +453,12 @@ class LiveModel:
             if found.stand_in:
                 result["elongation_u_stand_in"] = np.ones(found.mm.size)
         return result
+
+
+def _mean(values: FloatArray) -> float:
+    """Return the mean of the values that are known; nan where none is."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else math.nan
 
 
 def _span(name: str, unit: str, decimals: int, time_s: FloatArray, values: FloatArray, sign: float) -> Span:

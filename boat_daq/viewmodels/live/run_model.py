@@ -190,6 +190,7 @@ class RunModel:
     calibration: CalibrationOffer
     services: Services
     read_all: bool = False
+    _own: Path | None = None  # the recording that was begun for its run
     trial: QuickTrial = field(init=False)
     enough: EnoughCycles = field(init=False)
     end_at: EndAt = field(init=False)
@@ -212,7 +213,7 @@ class RunModel:
     def _press(self, button: str) -> None:
         recording = self.snapshot.recording
         if button == "start" and recording is None:
-            self.record()
+            self._own = self.record()
         if button == "arm" and recording is not None and self.session.steps():
             self.session.stop_recording()
         self.sequence.press(button)
@@ -228,6 +229,11 @@ class RunModel:
 
     def follow(self, snapshot: SessionSnapshot) -> None:
         """Read the grid where every plateau is read from it, and continue a quick trial."""
+        if snapshot.refused_first and snapshot.recording is not None and snapshot.recording == self._own:
+            self.session.stop_recording()
+            self._own.unlink(missing_ok=True)
+            self._own = None
+            self.services.notices.inform("nothing was measured: the recording of this run was deleted")
         if self.read_all and snapshot.waiting_for_reading is not None:
             self.read_simulated(snapshot.waiting_for_reading.step_id)
         self.trial.follow(snapshot)

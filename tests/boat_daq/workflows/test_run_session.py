@@ -28,7 +28,7 @@ from boat_daq.workflows.run_session import (
 )
 from boat_daq.workflows.unit_control import identify_unit
 from protocol import Connection, Identify, SetLimits, SetPressure, Start
-from protocol.base.errors import RequestError
+from protocol.base.errors import DeviceError, RequestError
 from protocol.recording import BoardState
 from tests.boat_daq.commands.calls import program
 from tests.boat_daq.engine.served_board import serve_in_thread
@@ -47,6 +47,22 @@ def test_pressed_e_stop_is_not_reported_as_cleared(tmp_path: Path, capsys: pytes
     with serve_in_thread(pressed) as board, pytest.raises(RequestError, match="e-stop is pressed"):
         run_session(SessionRequest(board.url, tmp_path / "run.boat", PLAN), notify=print)
     assert "is cleared" not in capsys.readouterr().out
+
+
+def test_a_refused_first_pressure_leaves_no_recording(tmp_path: Path) -> None:
+    """A file with nothing in it stayed; of a later refusal the recording is kept."""
+    runs = (tmp_path / "first", tmp_path / "later")
+    for folder, at in zip(runs, ("0", "2"), strict=True):
+        folder.mkdir()
+        settings = BoardSettings(speed=5.0, faults=(f"ack_refused@{at}:3",))
+        with serve_in_thread(settings) as board:
+            request = SessionRequest(board.url, folder / "run.boat", PLAN)
+            if at == "0":
+                with pytest.raises(DeviceError, match="refused SET_PRESSURE"):
+                    run_session(request, notify=print)
+            else:
+                assert "refused SET_PRESSURE" in run_session(request, notify=print).failure
+    assert [[file.name for file in folder.iterdir()] for folder in runs] == [[], ["run.boat"]]
 
 
 def test_previous_fault_is_reported_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -113,6 +129,7 @@ def test_residual_pressure_is_vented_before_the_run(tmp_path: Path, capsys: pyte
         ({"faults": ("estop@0:1000",)}, "e-stop"),
         ({"faults": ("pressure_invalid@0:1000",)}, "pressure sensor"),
         ({"faults": ("silent@0.3:0",)}, "the board "),
+        ({"faults": ("ack_refused@0:3",)}, "refused SET_PRESSURE"),
     ),
 )
 def test_a_refused_hold_leaves_no_file(

@@ -205,16 +205,17 @@ def test_an_instant_of_board_time_has_its_place_in_the_picture():
 
 
 def test_what_is_implausible_is_not_drawn():
-    """One absurd sample with a good checksum does not throw the axes; the others stay."""
-    samples = samples_of(3)
+    """One absurd sample with a good checksum does not throw the axes; the pressure of an absurd signal stays."""
+    samples = samples_of(4)
+    samples["flags"][3] = SampleFlag.IMPLAUSIBLE
     samples["pressure_pa"][1] = 5e9
     samples["flags"][1] = SampleFlag.IMPLAUSIBLE
     samples["flags"][2] = SampleFlag.PRESSURE_INVALID
     ring = RingBuffer(2, mv_per_count=1.0)
     ring.append(samples)
     view = ring.view()
-    assert np.array_equal(np.isnan(view["pressure_kpa"]), [False, True, True])
-    assert np.array_equal(np.isnan(view["s1_mv"]), [False, True, False])
+    assert np.array_equal(np.isnan(view["pressure_kpa"]), [False, True, True, False])
+    assert np.array_equal(np.isnan(view["s1_mv"]), [False, True, False, True])
 
 
 def test_signals_in_millivolt_are_taken_as_they_are():

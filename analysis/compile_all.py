@@ -28,13 +28,13 @@ def compile_calibration() -> None:
 
 
 def compile_optics() -> None:
-    """Trace one scene, and sweep one design."""
+    """Trace one scene of too many rays for Python, and sweep one design."""
     from analysis.optics.scene.curves import default_curves, frame_of
     from analysis.optics.scene.parameters import Design, Light, Waveguide
     from analysis.optics.sweep.sweep import SweepRequest, run_sweep
-    from analysis.optics.tracer.simulation import trace
+    from analysis.optics.tracer.simulation import BLOCK, trace
 
-    trace(frame_of(default_curves(), 0, Waveguide()), Design(), Waveguide(), Light())
+    trace(frame_of(default_curves(), 0, Waveguide()), Design(), Waveguide(), Light(rays=2 * BLOCK))
     run_sweep(SweepRequest((Design(),), Waveguide(), Light(rays=10, secondary=4), default_curves()))
 
 

@@ -1,8 +1,7 @@
 """The one decorator of compiled functions, and the folder in which their machine code is kept.
 
 Compiled functions release the interpreter's lock, so that threads run side by side. No fast-math unless requested: IEEE
-arithmetic in the written order gives identical bits on any number of cores or computers (of one kind of processor,
-where a product is fused with a sum).
+arithmetic in the written order gives identical bits on any number of cores or computers.
 
 numba reuses cached code while the function's own file is unchanged, although functions of other files are compiled into
 it. The cache folder is therefore named by a hash of all files in `PACKAGES` and of the compiler's versions. It lies
@@ -30,6 +29,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 import numba.extending
+import numpy as np
 import platformdirs
 from numba.core import cgutils, event
 
@@ -93,7 +93,7 @@ def _with_callees(function: Any) -> set[Any]:
             code, names = each.py_func.__code__, each.py_func.__globals__
             modules = [vars(names[name]) for name in code.co_names if isinstance(names.get(name), ModuleType)]
             named = (place.get(name) for place in (names, *modules) for name in code.co_names)
-            waiting += [called for called in named if hasattr(called, "py_func")]
+            waiting += [called for called in named if hasattr(called, "py_func") and called is not pointers]
     return found
 
 
@@ -180,25 +180,15 @@ def inside(function: Function, **options: Any) -> Function:
     return cast(Function, _noted(jit(function)))
 
 
-def inside_fusing(function: Function) -> Function:
-    """As `inside`; a product and the sum it goes into are rounded once, which is quicker and no less accurate."""
-    return inside(function, fastmath={"contract"})
-
-
 def inner(function: Function, **options: Any) -> Function:
     """As `inside`, and inlined into its callers: for the innermost loops."""
     return inside(function, forceinline=True, **options)
 
 
-def inner_fusing(function: Function) -> Function:
-    """As `inner` and `inside_fusing`."""
-    return inner(function, fastmath={"contract"})
-
-
 def interpreted(function: Function, made: dict[Any, Any] | None = None) -> Function:
-    """Return a function, and what it calls, as Python runs it: the same bits, for little work, without compiling.
+    """Return a function, and what it calls by name, as Python runs it: the same bits, for little work, uncompiled.
 
-    Not for functions that fuse or reassociate.
+    Not for functions that reassociate, divide by zero, or call as an attribute of a module.
     """
     made = {} if made is None else made
     source = cast(Any, getattr(function, "py_func", function))
@@ -237,4 +227,10 @@ def _pointers(_typing_context: Any, tables: Any) -> Any:
     return types.NamedTuple(kinds, tables.instance_class)(tables), codegen
 
 
+def _views(tables: Any) -> Any:
+    """Return the named tuple with flat views of its arrays, for `interpreted`: their elements are Python's numbers."""
+    return tables._make(each.reshape(-1).data if isinstance(each, np.ndarray) else each for each in tables)
+
+
 pointers: Any = _pointers
+pointers.py_func = _views

@@ -17,7 +17,7 @@ import tempfile
 STATES = (0, 7, 14)  # most compressed, rest, most elongated, of the paper's pattern and of seven deeper cavities
 PART = """
 import json
-from analysis.compiled import inner_fusing
+from analysis.compiled import inner
 from analysis.optics.scene.curves import default_curves, frames_of
 from analysis.optics.scene.parameters import ALL, PAPER_OPTIMUM, Design, Light, Waveguide
 from analysis.optics.tracer import tracer
@@ -30,7 +30,7 @@ def other_part(ratio, ci, ct):
     return ((ci - ratio * ct) / (ci + ratio * ct)) ** 2
 
 if {part!r} != "mean":
-    tracer.reflected_part = inner_fusing({{"s": reflected_part, "p": other_part}}[{part!r}])
+    tracer.reflected_part = inner({{"s": reflected_part, "p": other_part}}[{part!r}])
 frames, light = frames_of(default_curves(), Waveguide()), Light(rays=5000, phase=0.25, secondary=ALL, faintest=0.001)
 designs = PAPER_OPTIMUM, Design(7, 0.7, 0.8, 1.0)
 print(json.dumps([trace(frames[i], design, Waveguide(), light).power for design in designs for i in {states}]))

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 
-from analysis.compiled import inner_fusing
+from analysis.compiled import inner
 from analysis.optics.scene import geometry as table
 from analysis.optics.scene.frame import FREE, JUNCTION_START, NO_CELL, RECEIVER
 from analysis.optics.scene.geometry import C_LEFT, C_RIGHT, CELL_COLUMNS, SURFACE_COLUMNS, Geometry
@@ -22,7 +22,7 @@ from protocol.base.arrays import FloatArray
 _JOINT = 1e-9
 
 
-@inner_fusing
+@inner
 def root(b: float, c: float, k: float, slope: float) -> float:
     """Return the first t > 0 with k t^2 + 2 b t + c = 0 and slope's sign, or inf.
 
@@ -32,11 +32,16 @@ def root(b: float, c: float, k: float, slope: float) -> float:
     if square < 0.0:
         return math.inf
     s = slope * math.sqrt(square)
-    t: float = -c / (b + s) if slope * b > 0.0 else (s - b) / k
+    if slope * b > 0.0:
+        t: float = -c / (b + s)
+    elif k != 0.0:
+        t = (s - b) / k
+    else:
+        return math.inf
     return t if 0.0 < t < math.inf else math.inf
 
 
-@inner_fusing
+@inner
 def _reach(table: FloatArray, i: int, px: float, py: float, dx: float, dy: float, slope: float, left: bool) -> float:
     """Return the distance along a ray to surface `i` within its extent, or inf."""
     r = i * SURFACE_COLUMNS
@@ -63,7 +68,7 @@ def _reach(table: FloatArray, i: int, px: float, py: float, dx: float, dy: float
     return t
 
 
-@inner_fusing
+@inner
 def _by_bvh(g: Geometry, px: float, py: float, dx: float, dy: float, last: int) -> tuple[float, int]:
     """Return the nearest of all surfaces from the air: distance and number, or (inf, -1)."""
     best, found, node, count = math.inf, -1, 0, g.bvh_nodes[0]
@@ -87,7 +92,7 @@ def _by_bvh(g: Geometry, px: float, py: float, dx: float, dy: float, last: int) 
     return best, found
 
 
-@inner_fusing
+@inner
 def _in_cavity(g: Geometry, px: float, py: float, dx: float, dy: float, cavity: int, last: int) -> tuple[float, int]:
     """Return the nearest wall or bottom of a cavity seen from inside it, or (inf, -1) through its mouth."""
     best, found, r = math.inf, -1, table.CAVITY_COLUMNS * cavity
@@ -101,7 +106,7 @@ def _in_cavity(g: Geometry, px: float, py: float, dx: float, dy: float, cavity: 
     return best, found
 
 
-@inner_fusing
+@inner
 def in_air(g: Geometry, px: float, py: float, dx: float, dy: float, last: int) -> tuple[float, int]:
     """Return the nearest surface in front of a ray in the air: distance and number, or (inf, -1)."""
     if g.corners[last] & FREE != 0:
@@ -114,7 +119,7 @@ def in_air(g: Geometry, px: float, py: float, dx: float, dy: float, last: int) -
     return _by_bvh(g, px, py, dx, dy, last)
 
 
-@inner_fusing
+@inner
 def _in_junction(
     g: Geometry, px: float, py: float, dx: float, dy: float, junction: int, last: int
 ) -> tuple[float, int, int]:
@@ -140,7 +145,7 @@ def _in_junction(
     return best, found, cell
 
 
-@inner_fusing
+@inner
 def _at_edge(
     g: Geometry, px: float, py: float, dx: float, dy: float, cell: int, last: int, forward: bool
 ) -> tuple[float, int]:
@@ -169,7 +174,7 @@ def _at_edge(
     return t, side
 
 
-@inner_fusing
+@inner
 def in_resin(g: Geometry, px: float, py: float, dx: float, dy: float, cell: int, last: int) -> tuple[float, int]:
     """Return the first surface that a ray in the resin meets, from cell to cell: distance and number, or (inf, -1).
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from analysis.compiled import interpreted
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.geometry import geometry_of
 from analysis.optics.scene.outline import Contour, outline
@@ -113,6 +114,6 @@ def _sources(frame: SceneFrame, design: Design, light: Light) -> list[dict[str, 
         cause = f"{light.rays} rays would be written one by one"
         raise RequestError(cause, f"choose {_MOST_SINGLE} or fewer, or a uniform emitter")
     g, fan = geometry_of(frame, design), fan_of(light)
-    rays = (released(g, fan, i) for i in range(light.rays))
+    rays = (interpreted(released)(g, fan, i) for i in range(light.rays))
     ends = (_ends(np.array([[r.x, r.y], [r.x + r.dx, r.y + r.dy]])) for r in rays)
     return [{"type": "SingleRay", **both, "brightness": 1.0} for both in ends]

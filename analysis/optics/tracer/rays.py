@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from analysis.compiled import compiled
+from analysis.compiled import inside
 from analysis.optics.scene.frame import SceneFrame
 from analysis.optics.scene.geometry import Geometry
 from analysis.optics.scene.parameters import ORDERS, Light, Waveguide
@@ -97,7 +97,7 @@ def share_of(frame: SceneFrame, light: Light) -> tuple[int, int]:
     return rays // 2, budget // 2 if budget > 0 else budget
 
 
-@compiled
+@inside
 def released(g: Geometry, fan: Fan, i: int) -> Ray:
     """Return ray `i` of the fan."""
     x, y, axis_x, axis_y = g.emitter[0], g.emitter[1], g.emitter[2], g.emitter[3]

@@ -19,9 +19,18 @@ from analysis.compiled import compile_ahead, compiled, inside, interpreted, poin
 from analysis.optics.scene.frame import NO_CELL, SceneFrame
 from analysis.optics.scene.geometry import Geometry, allocate, build, geometry_of
 from analysis.optics.scene.parameters import ALL, PAPER_RAYS, Design, Light, Waveguide
-from analysis.optics.tracer import budget as queues
 from analysis.optics.tracer import tally as ledger
-from analysis.optics.tracer.budget import Queue, new_queue
+from analysis.optics.tracer.budget import (
+    Queue,
+    begin_secondaries,
+    has_secondary,
+    latest_secondary,
+    merge,
+    new_queue,
+    next_secondary,
+    open_queue,
+    prune,
+)
 from analysis.optics.tracer.rays import Fan, Ray, Rules, fan_of, released, rules_of, share_of
 from analysis.optics.tracer.tally import COUNTS, DETECTED, Tally, add_tally, add_twins, new_tally
 from analysis.optics.tracer.tracer import follow
@@ -32,11 +41,13 @@ BLOCK = 4096
 CORRELATION_DEG_PER_MM2 = 0.03
 """Over this angle, times the thickness squared, neighbouring rays end alike: fitted to counts, see METHODS.md."""
 _SURE, _LEAST_ALIKE, _SMALL_STEP, _LARGE_STEP, _HALVINGS = 2.0, 0.001, 1e-3, 1e3, 40
-_QUICK_RAYS = 1_000  # a sum along a fan of as many is no work for Python
+_QUICK_SUM = 1_000  # a sum along a fan of as many rays is no work for Python
+_OF_ALL = 4  # rays that are followed of each released one where all are
 _SCALARS = ("half_mm", "source_cell")  # of a frame, the same in every state
 
 
 _empty_queue, _empty_tally = interpreted(new_queue), interpreted(new_tally)
+_left = [2_000]  # rays that Python may still follow in this process: as many as take the time of loading machine code
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,18 +77,18 @@ def follow_block(
     tables, queue, counts = pointers(g), pointers(q), pointers(tally)
     after = min(first + BLOCK, fan.followed)
     if first < after:
-        queues.open_queue(q, budget, first)
+        open_queue(q, budget, first)
         tally.counts[ledger.RELEASED] += after - first
     for i in range(first, after):
         follow(tables, rules, released(tables, fan, i), queue, counts, i)
-        while budget == ALL and queues.has_secondary(queue):
-            _follow_secondary(tables, rules, queues.latest_secondary(queue), queue, counts, fan.rays)
+        while budget == ALL and has_secondary(queue):
+            _follow_secondary(tables, rules, latest_secondary(queue), queue, counts, fan.rays)
     if not last:
         return
-    queues.begin_secondaries(queue, fan.rays, counts)
-    while queues.has_secondary(queue):
-        _follow_secondary(tables, rules, queues.next_secondary(queue), queue, counts, fan.rays)
-    queues.prune(queue, counts)
+    begin_secondaries(queue, fan.rays, counts)
+    while has_secondary(queue):
+        _follow_secondary(tables, rules, next_secondary(queue), queue, counts, fan.rays)
+    prune(queue, counts)
     if fan.followed < fan.rays:
         add_twins(tally, fan.followed)
 
@@ -94,7 +105,16 @@ def _follow_secondary(g: Geometry, rules: Rules, ray: Ray, q: Queue, tally: Tall
 def join(tally: Tally, q: Queue, later_tally: Tally, later: Queue) -> None:
     """Add a later block's tally and queue to the first."""
     add_tally(tally, later_tally)
-    queues.merge(pointers(q), pointers(later), pointers(tally))
+    merge(pointers(q), pointers(later), pointers(tally))
+
+
+_follow_block, _join = interpreted(follow_block), interpreted(join)
+
+
+def _is_quick(rays: int, budget: int) -> bool:
+    """Return whether Python is to follow these rays, the first few of the process: the same bits, uncompiled."""
+    _left[0] -= rays + (budget if budget != ALL else _OF_ALL * rays)
+    return _left[0] > 0
 
 
 @inside
@@ -283,16 +303,19 @@ def trace(
     """Trace one scene; blocks of rays run side by side, with the same bits on any number of threads."""
     followed, budget = share_of(frame, light)
     g, rules, fan = geometry_of(frame, design), rules_of(guide, light), fan_of(light)._replace(followed=followed)
+    quick = _is_quick(followed, budget)
+    follow = _follow_block if quick else follow_block
     by_root = np.zeros((light.rays, 2))
     nothing = np.empty((0, 3)), np.empty((0, 2), dtype=np.int64)
 
     def one(first: int) -> tuple[Tally, Queue]:
         tally, q = _empty_tally(by_root, *nothing), _empty_queue(budget, light.faintest)
-        follow_block(g, rules, fan, first, budget, q, tally, followed <= BLOCK)
+        follow(g, rules, fan, first, budget, q, tally, followed <= BLOCK)
         return tally, q
 
     tally, q = _empty_tally(by_root, *nothing), _empty_queue(budget, light.faintest)
-    compile_ahead(follow_block, g, rules, fan, 0, budget, q, tally, True)
+    if not quick:
+        compile_ahead(follow_block, g, rules, fan, 0, budget, q, tally, True)
     pool = ThreadPoolExecutor(threads or os.cpu_count() or 1)
     try:
         blocks = pool.map(one, range(0, followed, BLOCK))
@@ -311,7 +334,7 @@ def trace(
     ndr = counts[DETECTED] * (PAPER_RAYS / light.rays)
     step = _step(light, 2 * frame.half_mm)
     alone = light.rays == 1
-    along = interpreted(changes_along_fan) if light.rays <= _QUICK_RAYS else changes_along_fan
+    along = interpreted(changes_along_fan) if light.rays <= _QUICK_SUM else changes_along_fan
     changes = np.full(2, math.nan) if alone else along(by_root, step, light.shift, light.jittered)
     sd = fan_sd(changes, light, 2 * frame.half_mm, np.array(frame.mirrored))
     return TraceResult(
@@ -394,10 +417,12 @@ def _simulate_blocks(
 ) -> None:  # fmt: skip
     """Trace the rays of a fan that are in blocks (first ray, ray after the last), of BLOCK rays at most."""
     (first, after), *others = blocks
-    follow_block(g, rules, fan._replace(followed=after), first, budget, q, tally, False)
+    quick = _is_quick(sum(after - first for first, after in blocks), budget)
+    follow, add = (_follow_block, _join) if quick else (follow_block, join)
+    follow(g, rules, fan._replace(followed=after), first, budget, q, tally, False)
     for first, after in others:
         one = _empty_tally(tally.by_root, tally.drawn, tally.drawn_by)
         one.counts[COUNTS] = tally.counts[COUNTS]
-        follow_block(g, rules, fan._replace(followed=after), first, budget, later, one, False)
-        join(tally, q, one, later)
-    follow_block(g, rules, fan, fan.followed, budget, q, tally, True)
+        follow(g, rules, fan._replace(followed=after), first, budget, later, one, False)
+        add(tally, q, one, later)
+    follow(g, rules, fan, fan.followed, budget, q, tally, True)

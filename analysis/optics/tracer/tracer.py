@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from analysis.compiled import inner_fusing, inside_fusing
+from analysis.compiled import inner, inside
 from analysis.optics.scene.frame import CORNER_A, CORNER_B, RECEIVER
 from analysis.optics.scene.geometry import C_INVERSE_L, CELL_COLUMNS, SURFACE_COLUMNS, Geometry
 from analysis.optics.tracer import tally as ledger
@@ -22,14 +22,14 @@ from analysis.optics.tracer.tally import DETECTED, Tally, draw
 MOST_HITS = 200_000  # beyond, rounding turns a ray that creeps along a wall
 
 
-@inner_fusing
+@inner
 def reflected_part(ratio: float, ci: float, ct: float) -> float:
     """Return Fresnel's reflectance of unpolarised light."""
     rs, rp = (ratio * ci - ct) / (ratio * ci + ct), (ci - ratio * ct) / (ci + ratio * ct)
     return 0.5 * (rs * rs + rp * rp)
 
 
-@inner_fusing
+@inner
 def _share(rules: Rules, child: Ray, q: Queue, tally: Tally) -> None:
     """Offer a reflected part to the budget, or drop it."""
     if child.power < rules.faintest:
@@ -43,7 +43,7 @@ def _share(rules: Rules, child: Ray, q: Queue, tally: Tally) -> None:
     offer(q, child, key, -1, tally)
 
 
-@inner_fusing
+@inner
 def _at_corner(g: Geometry, i: int, x: float, y: float, near: float) -> bool:
     corners = g.corners[i] & (CORNER_A | CORNER_B)
     if corners == 0:
@@ -54,7 +54,7 @@ def _at_corner(g: Geometry, i: int, x: float, y: float, near: float) -> bool:
     return bool((corners & CORNER_A != 0 and start < near) or (corners & CORNER_B != 0 and end < near))
 
 
-@inner_fusing
+@inner
 def _arrive(g: Geometry, rules: Rules, at: int, ray: Ray) -> int:
     """Return how a ray ends where it has just arrived: an entry of the ledger, or -1 if it continues."""
     if ray.path_mm > rules.path_cap_mm:
@@ -65,7 +65,7 @@ def _arrive(g: Geometry, rules: Rules, at: int, ray: Ray) -> int:
     return ledger.CORNER if _at_corner(g, at, ray.x, ray.y, rules.corner_mm) else -1
 
 
-@inner_fusing
+@inner
 def _normal(g: Geometry, at: int, x: float, y: float) -> tuple[float, float]:
     """Return the unit normal of surface `at` at a point on it; a cell's edges take it from the cell, already loaded."""
     if at < 4 * g.cell_count and at & 2 == 0:
@@ -76,7 +76,7 @@ def _normal(g: Geometry, at: int, x: float, y: float) -> tuple[float, float]:
     return (t[r + 4] * (x - t[r]) - t[r + 2]) * t[r + 7], (t[r + 4] * (y - t[r + 1]) - t[r + 3]) * t[r + 7]
 
 
-@inner_fusing
+@inner
 def _meet(g: Geometry, rules: Rules, at: int, ray: Ray, q: Queue, tally: Tally) -> Ray:
     """Return the ray as it leaves surface `at`; a reflected part is offered to the budget."""
     nx, ny = _normal(g, at, ray.x, ray.y)
@@ -99,7 +99,7 @@ def _meet(g: Geometry, rules: Rules, at: int, ray: Ray, q: Queue, tally: Tally) 
     return Ray(ray.x, ray.y, tx * unit, ty * unit, power - lost, path, optical, 1 - medium, at, cell, root, bounce)
 
 
-@inside_fusing
+@inside
 def follow(g: Geometry, rules: Rules, ray: Ray, q: Queue, tally: Tally, number: int) -> None:
     """Follow one ray to its end."""
     end, hits = ledger.CUT, 0

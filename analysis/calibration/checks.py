@@ -170,9 +170,8 @@ def _suspect_points(calibration: Calibration, y_unit: str) -> Iterator[tuple[War
     fit, dof, x, y = calibration.fit, calibration.dof, calibration.x, calibration.y
     alone = int(np.argmax(fit.leverage))
     if dof > 0 and fit.leverage[alone] > HIGHEST_LEVERAGE and calibration.degree > 0:
-        where = f"the point at x = {x[alone]:.4g}"
-        alone_there = f"{where} alone determines the curve there (leverage {fit.leverage[alone]:.2f})"
-        yield WarningCode.HIGH_LEVERAGE, f"{alone_there}: an error in it would not be seen"
+        why = f"it alone determines the curve there (leverage {fit.leverage[alone]:.2f})"
+        yield WarningCode.HIGH_LEVERAGE, f"check the point at x = {x[alone]:.4g}: {why}"
     weighted = np.sqrt(fit.weights) * fit.residuals
     left = 1.0 - fit.leverage
     if dof < 2 or not calibration.scatter_sd > 1e-12 * np.abs(calibration.y).max() or left.min() < 1e-9:

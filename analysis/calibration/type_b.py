@@ -188,6 +188,7 @@ class Traceability:
 
     traceable: bool
     text: str
+    missing: tuple[str, ...] = ()  # labels of the expected contributions that are not given
 
 
 def not_assessed(given: Sequence[TypeBContribution]) -> tuple[str, ...]:
@@ -200,11 +201,11 @@ def traceability(given: Sequence[TypeBContribution]) -> Traceability:
     """State whether an elongation with these contributions is traceable (VIM 2.41)."""
     missing = not_assessed(given)
     certificates = [one.certificate for one in given if one.name == SCALE and one.certificate]
-    reasons = [f"not assessed: {', '.join(missing)}"] if missing else []
+    reasons = [f"no uncertainty is given for {', '.join(missing)}"] if missing else []
     if not certificates and EXPECTED[SCALE] not in missing:
         reasons.append(f"the {EXPECTED[SCALE]} has no certificate")
     if reasons:
-        return Traceability(False, f"not traceable: {'; '.join(reasons)}")
+        return Traceability(False, f"not traceable: {'; '.join(reasons)}", missing)
     return Traceability(True, f"traceable to {certificates[0]}")
 
 

@@ -408,7 +408,7 @@ def breaks(analysis: Analysis) -> Section:
         parts += [found.sentence.capitalize() + ".", _comparisons(found)]
     if analysis.parts:
         parts.append(_parts(analysis))
-    return Section("Before and after the break", tuple(parts))
+    return Section("Before and after the interruption", tuple(parts))
 
 
 def _comparisons(found: Break) -> ReportTable:

@@ -78,7 +78,7 @@ IMPORTED = "import:"  # scheme of the port of a recording imported from a CSV
 
 
 def verify(run: RecordingArgument, as_json: JsonOption = False) -> None:
-    """Derive a run again, from its raw bytes to its figures, and print `identical` or the first difference.
+    """Check a run against its raw bytes, from samples to figures, and print `identical` or the first difference.
 
     Example: boat-daq verify recordings/run.boat
     """

@@ -266,7 +266,7 @@ def predict(
     better = all(one.beats_parabola for one in sensors)
     show(
         "the model's light " + ("predicts cycles left out better than a parabola in elongation" if better else
-        "does not beat a parabola in elongation on cycles left out: it says nothing about this unit")
+        "predicts cycles left out no better than a parabola in elongation: it is of no use for this unit")
     )  # fmt: skip
     words = ", ".join(f"{word} {share:.0f} %" for word, share in found.words.items())
     show(f"what disagrees with the calibration, by time: {words} (the model's light is not used)")

@@ -62,7 +62,7 @@ class ConnectPanel(QDialog):
         grid.addLayout(controls.column(controls.button("Open …", self._open_profile), None), 2, 2)
         grid.setColumnStretch(1, 1)
         return controls.card(
-            controls.label("A board", "subtitle"),
+            controls.label("Board", "subtitle"),
             controls.label(identity, "muted", wrap=True),
             self.none,
             grid,
@@ -71,10 +71,10 @@ class ConnectPanel(QDialog):
         )[0]
 
     def _virtual(self) -> QWidget:
-        explanation = "A simulated unit, pump and board for practice. All its data are marked SIMULATED."
+        explanation = "A simulated unit, pump and board for practice. Data are marked SIMULATED."
         self.virtual_button = controls.button("Start the virtual board", self.start_virtual)
         return controls.card(
-            controls.label("The virtual board", "subtitle"),
+            controls.label("Virtual board", "subtitle"),
             controls.label(explanation, "muted", wrap=True),
             controls.row(self.virtual_unit, self.sensors, self.speed, None),
             controls.row(None, self.virtual_button),

@@ -32,7 +32,7 @@ from boat_daq.viewmodels.settings_model import (
 )
 from protocol.base.errors import RequestError
 
-_EXPLANATION = "Stored when you leave a field. Point at a value for its meaning and range."
+_EXPLANATION = "Stored when you leave a field; its tooltip explains it."
 _LIMITS = "Plans outside these limits are refused."
 NO_CHANGE = "None yet"
 _EMPTY = "empty"
@@ -149,7 +149,7 @@ class SettingsPage(ReflowingPage):
         self.explanation = controls.label("", "muted", wrap=True)
         self.metadata = controls.button("Metadata \u2026", self._metadata, tip="Written into its next recordings")
         self.path = controls.label("", "small", wrap=True)
-        self.changes = DataTable("What changed when", ("When (UTC)", "Value", "Change"), stretched=2)
+        self.changes = DataTable("Changes", ("When (UTC)", "Value", "Change"), stretched=2)
         self.changes.setMinimumHeight(style.QUESTION_LEAST)
         self._lay_out()
 
@@ -165,7 +165,7 @@ class SettingsPage(ReflowingPage):
         self.values, _ = controls.card(
             self.title, self.explanation, self.broken, self.leaves, self.calibrations, None, foot, self.path
         )
-        history, _ = controls.card(controls.label("What changed when", "subtitle"), (self.changes, 1))
+        history, _ = controls.card(controls.label("Changes", "subtitle"), (self.changes, 1))
         body = controls.row((self.side, 1), (self.values, 3), (history, 3), spacing=style.GAP)
         controls.page_layout(self).addLayout(body, 1)
         self.rows, self.tall = (body,), (history,)

@@ -125,7 +125,7 @@ class AppModel:
 
     def _compile_missing(self, job: Job) -> None:
         if job.result:
-            compile_once = Job("Compiling once", compile_rest)
+            compile_once = Job("Compiling (first start only)", compile_rest)
             compile_once.counts = "functions"
             self.jobs.start("compiled code", compile_once, lambda _: None)
 

@@ -179,5 +179,6 @@ def break_entry(*, cause: str, break_s: float | None, **keys: Any) -> dict[str, 
 
 def break_text(entry: Mapping[str, Any]) -> str:
     """Return the text of the event `break_s`."""
-    whole = f"{entry['complete_cycles']} complete cycles"
-    return f"broken ({entry['cause']}) after {whole}; resumes at cycle {entry['first_cycle']}"
+    n = entry["complete_cycles"]
+    whole = f"{n} complete cycle{'' if n == 1 else 's'}"
+    return f"interrupted ({entry['cause']}) after {whole}; resumes at cycle {entry['first_cycle']}"

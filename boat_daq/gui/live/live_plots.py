@@ -32,7 +32,7 @@ from protocol.base.arrays import FloatArray
 from protocol.recording import ExtraChannel
 
 PREDICTED = "\u2504 predicted, band 95 %"
-PREDICTED_TIP = "Predicted from the pressure by traced light; the band holds how far that is from the readings, too"
+PREDICTED_TIP = "Predicted from the pressure by ray tracing; the band includes its distance from the readings"
 MOST_OF_A_NOTE = 28  # letters beside a marker; the whole of it on hover
 WHOLE_S = 1.0  # a change that no sample tells of, such as another calibration, is seen after so long
 WHOLE_PX = 0.05  # pixels are moved by a whole number of them, up to so much

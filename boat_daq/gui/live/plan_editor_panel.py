@@ -24,7 +24,7 @@ from boat_daq.viewmodels.live.sequence import SequenceModel
 from protocol.recording import SEGMENT_KINDS
 
 CELL_WIDTH = 64
-NOT_SEGMENTS = "Made in the tab Plan. Convert to segments to edit here."
+NOT_SEGMENTS = "Made in the Plan tab. Convert to segments to edit here."
 LOCKED = "A run uses this plan."
 
 

@@ -188,7 +188,7 @@ class ReadingBar(QFrame):
         for short, unit_alone in ((self._narrow, self._narrow), (True, self._narrow), (True, True)):
             self._short = unit_alone
             self.simulated.setText("Simulate" if short else "Simulate reading")
-            self.all.setText("All" if short else "At every plateau")
+            self.all.setText("Simulate all" if short else "At every plateau")
             self._show_unit()
             self.answer.invalidate()  # Qt tells only the outer layout
             self.lines.invalidate()

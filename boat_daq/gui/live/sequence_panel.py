@@ -398,7 +398,9 @@ class PlanForm(QScrollArea):
         self.hold.setEnabled(snapshot.elongation is None)
         free = "Connect a board first." if snapshot.limits is None else "Not controlled"
         controls.set_text(self.elongation, elongation_text(snapshot, model.units) or free)
-        controls.set_text(self.limits, limits_text(snapshot.limits, model.units) or "Connect a board first.")
+        limits, whose = limits_text(snapshot.limits, model.units)
+        controls.set_text(self.limits, limits or "Connect a board first.")
+        self.limits.setToolTip(whose)
         revision = (model.revision, self.end_at.revision, model.units, plan, model.waits_in_force(snapshot))
         if revision == self._revision:
             return
@@ -418,7 +420,7 @@ class PlanForm(QScrollArea):
             for cell in cells:
                 cell.setVisible(key not in unused)
         self._show_units()
-        controls.set_text(self.estimate, model.estimate(snapshot).replace(" min", "\u00a0min"))
+        controls.set_text(self.estimate, model.lines(snapshot)[-1].replace(" min", "\u00a0min"))
         self._show_refused()
 
 

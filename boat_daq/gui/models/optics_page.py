@@ -85,7 +85,7 @@ class SceneCard(PlotCard):
 
     def show_state(self, model: OpticsModel) -> None:
         scene = model.scene()
-        waits = model.waiting_text("the light guide and its rays")
+        waits = model.waiting_text("The light guide and its rays")
         self.show_empty("" if scene is not None else waits)
         self.show_stale(stale=model.outdated)
         self.drawn.set(model.drawn_text())
@@ -107,7 +107,7 @@ class ResponseCard(PlotCard):
 
     def show_result(self, model: OpticsModel) -> None:
         r = model.result
-        waits = model.waiting_text("the detected rays in each state")
+        waits = model.waiting_text("The detected rays in each state")
         self.show_empty("" if r is not None else waits)
         self.show_stale(stale=model.outdated)
         self.readout.setText(model.design_text())

@@ -83,7 +83,7 @@ PRECISIONS = {
 }
 MEASURE = "Measure this computer"
 MEASURE_TIP = "Takes some minutes, in a helper process"
-SHARE_TIP = "Error in percent of the tolerance; settings up to 50 % are accepted"
+SHARE_TIP = "Error in percent of the tolerance; up to 50 % is sufficient"
 _HEADINGS = ("No.", "Method", "Default", "Time", "Error", "Share")
 _STRETCHED = (1, 2, 3, 4)
 _KEY = "● a method   ■ a whole job   lower: more exact   further left: faster"
@@ -113,7 +113,7 @@ class OverviewCard(PlotCard):
             for job, symbol in ((False, "o"), (True, "s"))
         }
         self.noticed = self.plot.line(lambda t: t.muted, label="tolerance")
-        accepted = self.plot.line(lambda t: t.ok, label="accepted below")
+        accepted = self.plot.line(lambda t: t.ok, label="sufficient below")
         for line, corner, percent in ((self.noticed, (0, 1), 100.0), (accepted, (0, 0), 100.0 / MARGIN)):
             line.label.anchors = [corner, corner]
             line.label.setPosition(LABEL_SHARE)
@@ -193,7 +193,7 @@ class TradeoffPage(ReflowingPage):
         self.first = self.level = controls.choice("Precision of the program", levels, self.precision.choose, tip=tip)
         toggle = partial(self.services.notices.attempt, self.model.toggle)
         self.start = controls.button(MEASURE, toggle, "primary", tip=MEASURE_TIP)
-        self.progress = QProgressBar()
+        self.progress = QProgressBar(format="%p %")
         self.progress.setAccessibleName("Progress of the measurement")
         self.status = controls.label("", "small", wrap=True)
         measurement = (self.start, self.progress, self.status, self.measured)

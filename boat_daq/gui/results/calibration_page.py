@@ -99,7 +99,7 @@ class CurveCard(PlotCard):
             self.previous.set(previous.grid, previous.before_mv)
             self.difference.set(previous.grid, -previous.difference_mv)
         source = "fit" if shown.new_reading_95 is None else "emcee"
-        legend = f"68, 95 % ({source})" if previous is None else f"\u2504 previous ({source})"
+        legend = f"bands 68 %, 95 % ({source})" if previous is None else "\u2504 previous"
         self.readout.setText(f"\u25cf loading \u25cb unloading  {legend}")
         self.top.fit()
         self.bottom.fit()

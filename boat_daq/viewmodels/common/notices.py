@@ -40,7 +40,7 @@ class Severity(IntEnum):
 DOWN = (LinkState.OPENING, LinkState.FAILED, LinkState.SILENT, LinkState.LOST)
 _ENDED = (SessionState.ABORTED, SessionState.FAULT)
 _LEVELS = {"info": Severity.INFORMATION, "warning": Severity.WARNING, "error": Severity.FAULT}
-TITLES = ("\u25cf  Note", "\u25b2  Attention", "\u25a0  Fault")  # by severity
+TITLES = ("\u25cf  Note", "\u25b2  Warning", "\u25a0  Fault")  # by severity
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,6 +194,8 @@ class SessionMessages:
             if message.number <= self._last:
                 continue
             self._last = message.number
+            if message.kind is MessageKind.RUN_ENDED and message.level == "info":
+                continue  # reported with what was read
             over = message.kind is MessageKind.SILENT and connected  # data arrive again
             level = Severity.INFORMATION if over else _LEVELS.get(message.level, Severity.WARNING)
             cause = f"{message.cause}; data resumed" if over else message.cause

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 KEY = "end_at"  # of the preferences
 WRITTEN_S = 0.5  # after the end of a run its last samples are in the file
 NOT_KNOWN = {
-    "mm": "U {:g} mm wanted, known after one cycle",
-    "% FSO": "\u00b1{:g} % FSO wanted, known after a few cycles",
+    "mm": "U {:g} mm asked, known after one cycle",
+    "% FSO": "\u00b1{:g} % FSO asked, known after a few cycles",
 }
 WITH_PLAN = (SessionState.ARMED, SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
 

@@ -185,7 +185,7 @@ class ReadingsModel:
 
     @property
     def headings(self) -> tuple[str, ...]:
-        return ("Cycle", "Branch", as_text(self.units.shown("kPa").symbol), self.unit, "Remark")
+        return ("Cycle", "Branch", as_text(self.units.shown("kPa").symbol), self.unit, "State")
 
     def latest(self) -> dict[int, Reading]:
         return {reading.step_id: reading for reading in self.session.readings()}

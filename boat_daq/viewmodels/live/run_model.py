@@ -64,12 +64,16 @@ class CalibrationOffer:
             notices.dismiss(self._offer)
             self._offer = None
         ended = snapshot.state is SessionState.IDLE and before in (SessionState.RUNNING, SessionState.FINISHING)
-        read = sum(r.elongation_mm is not None for r in self._readings.latest().values()) if ended else 0
+        if not ended:
+            return
+        stopped = snapshot.run_ended is not None and snapshot.run_ended.end is RunEnd.STOPPED
+        cause = f"the run {'was stopped' if stopped else 'is finished'}"
+        read = sum(r.elongation_mm is not None for r in self._readings.latest().values())
         if read:
-            stopped = snapshot.run_ended is not None and snapshot.run_ended.end is RunEnd.STOPPED
-            cause = f"the run {'was stopped' if stopped else 'is finished'}, {count(read, 'plateau')} read"
-            offer = ("Calibrate", self.take)
+            cause, offer = f"{cause}, {count(read, 'plateau')} read", ("Calibrate", self.take)
             self._offer = notices.add(Severity.INFORMATION, cause, "Press Calibrate to fit the curve.", action=offer)
+        else:
+            notices.add(Severity.INFORMATION, cause)
 
 
 class ResumeRun:

@@ -436,10 +436,11 @@ def done_s(plan: Plan, snapshot: SessionSnapshot) -> float:
     return float(min(edges[i] + progress.step_time_s, edges[i + 1]))
 
 
-def limits_text(limits: Limits | None, units: ShownUnits = STORED_UNITS) -> str:
+def limits_text(limits: Limits | None, units: ShownUnits = STORED_UNITS) -> tuple[str, str]:
+    """Return the range of pressure, and whose limits these are."""
     if limits is None:
-        return ""
+        return "", ""
     high = target(limits.max_kpa, units)
     low = target(limits.min_kpa, units).removesuffix(high[high.index(" ") :])
     whose = " and ".join(dict.fromkeys((limits.min_source, limits.max_source)))
-    return f"Limits {low} to {high}, of the {whose}"
+    return f"Limits {low} to {high}", f"Limits of the {whose}"

@@ -314,9 +314,7 @@ class OpticsModel:
         """Return what is being done before a plot has anything to show, and what it will draw."""
         if self.problem:
             return self.problem
-        doing = self._progress_text()
-        now = sentence(doing) if doing else "Not traced yet."
-        return f"{now} Drawn next: {drawn}."
+        return f"{drawn} appear here. {sentence(self._progress_text() or 'Not traced yet')}"
 
     def toggle_sweep(self, rays: int = 0) -> None:
         """Start a sweep over all designs with this number of rays, 0 for the precision's; or stop the running one."""

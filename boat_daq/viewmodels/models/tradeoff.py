@@ -76,7 +76,8 @@ def _default(m: Mapping[str, Any]) -> Default:
     points = {str(p["setting"]): p for p in m["points"]}
     setting, chosen = str(m["default"]), m["chosen"]
     choice = "" if chosen == setting else f"\nHere {chosen or 'no setting'} would be the fastest that is exact enough."
-    explanation = f"Used by {m['consumer']}; measured against {m['reference']}.{choice}"
+    tolerance = f"Tolerance: {m['consumer']} ({m['tolerance']:.2g} {m['unit']})"
+    explanation = f"{tolerance}.\nMeasured against {m['reference']}.{choice}"
     p = points.get(setting)
     seconds, error = (math.nan, None) if p is None else (float(p["cpu_seconds"]), p["error"])
     return Default(
@@ -122,8 +123,8 @@ class TradeoffModel:
     def take(self, content: Any, *, own: bool) -> None:
         self.defaults, self.own = read_report(content), own
         machine = content.get("machine", {})
-        where = "this computer" if own else "the computer of the shipped measurement"
-        self.measured = f"Measured on {where} ({machine.get('processor')}), {str(machine.get('date_utc'))[:10]}"
+        whose = "This computer" if own else "Shipped measurement"
+        self.measured = f"{whose}: {machine.get('processor')}, {str(machine.get('date_utc'))[:10]}"
         self.revision += 1
 
     def _store(self, content: Any) -> None:

@@ -22,7 +22,7 @@ from boat_daq.engine.recording.rename import companions
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionState
-from boat_daq.formatting import count, duration, number
+from boat_daq.formatting import count, number
 from boat_daq.viewmodels.common.notices import Severity, sentence
 from boat_daq.viewmodels.common.services import Change, Services
 from boat_daq.viewmodels.results.calibration_texts import (
@@ -295,7 +295,7 @@ class CalibrationModel:
         self.revision += 1
 
     def headline(self) -> str:
-        """Return unit, cycles, readings and duration of the run in a line; the remedy of a failure."""
+        """Return unit, cycles and readings of the run in a line; the remedy of a failure."""
         result = self.result
         if self.failure is not None:
             return str(self.failure.remedy)
@@ -305,7 +305,6 @@ class CalibrationModel:
             result.unit_text,
             count(result.cycles, "complete cycle") + (f", {result.partial} partial left out" if result.partial else ""),
             readings_text(result),
-            duration(result.duration_s),
         ]
         return "   ".join(filter(None, parts))
 
@@ -494,5 +493,7 @@ def _agreement(sensor: SensorResult, before: SensorRecord) -> Agreement | None:
 
 def traceability_text(found: Traceability | None) -> str:
     """Return whether an elongation is traceable, as a sentence with its mark; empty where it is not known."""
+    if found is not None and found.missing:
+        return f"\u25b2 Not traceable: enter the uncertainty of {', '.join(found.missing)}."
     mark = "\u25cf" if found is not None and found.traceable else "\u25b2"
     return f"{mark} An elongation is {found.text}." if found is not None else ""

@@ -16,7 +16,7 @@ import numpy as np
 
 from analysis.fidelity import Fidelity, fidelity
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
-from boat_daq.formatting import count, duration, quantity
+from boat_daq.formatting import count, quantity
 from boat_daq.viewmodels.results.calibration_texts import verdict_text
 from boat_daq.viewmodels.results.figure_tables import DRIFT_KEY, HYSTERESIS_KEY, SENSITIVITY_KEY, SNR_KEY
 from boat_daq.viewmodels.results.run_result import RunResult, analyse_run
@@ -122,7 +122,7 @@ class RepeatabilityModel:
     def show(self, result: RunResult) -> None:
         self.result, self.failure = result, ""
         self.headline = "   ".join(
-            [result.unit_text, count(result.cycles, "complete cycle"), duration(result.duration_s)]
+            [result.unit_text, count(result.cycles, "complete cycle")]
             + ([f"{result.partial} partial, left out"] if result.partial else [])
         )
         self.revision += 1

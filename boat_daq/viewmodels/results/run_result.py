@@ -162,7 +162,6 @@ class RunResult(RunCalibration):
         (% FSO), of the worse sensor.
     """
 
-    duration_s: float
     partial: int
     sensors: tuple[SensorResult, ...]
     figures: tuple[tuple[Cell, ...], ...]
@@ -221,7 +220,6 @@ def _run_result(
     shown = {name.name: getattr(run, name.name) for name in fields(run) if name.name != "sensors"}
     return RunResult(
         **shown,
-        duration_s=found.recording.duration_s,
         partial=len(found.cycles.partial),
         sensors=tuple(_sensor(found, i, sensor) for i, sensor in enumerate(run.sensors)),
         figures=(

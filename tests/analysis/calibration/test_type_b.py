@@ -109,6 +109,7 @@ def test_traceable_only_with_every_contribution_and_a_certificate() -> None:
         rest = contributions({key: table for key, table in FULL.items() if key != name})
         assert not_assessed(rest) == (label,)
         assert not traceability(rest).traceable
-        assert f"not assessed: {label}" in traceability(rest).text
+        assert f"no uncertainty is given for {label}" in traceability(rest).text
+        assert traceability(rest).missing == (label,)
     bare = FULL | {"scale": {"u_percent": 0.1}}
     assert traceability(contributions(bare)).text == "not traceable: the scale of grid or photograph has no certificate"

@@ -50,7 +50,7 @@ def test_pdf_has_numbered_pages_the_xml_and_an_empty_place_for_a_signature(
     whole = " ".join(" ".join(pages).split())
     assert "Lab & Söhne" in whole
     assert re.search(r"Authorised by _+ _+ _+", whole)
-    assert "not traceable: not assessed: pressure gauge, temperature" in whole
+    assert "not traceable: no uncertainty is given for pressure gauge, temperature" in whole
     assert re.findall(r"(?:analysis|boat_daq|protocol|docs)/|\w\.(?:md|py)\b", whole + dcc_xml(certificate)) == []
 
 

@@ -186,7 +186,7 @@ def test_a_run_that_changed_is_never_pooled() -> None:
     assert output["parts"][1]["sensors"][0]["figures"]["system_hysteresis_percent_fso"]["value"] == own.value
     assert any(flag["code"] == "differs_over_break" for flag in output["flags"])
     titles = [section.title for section in build_report([analysis]).sections]
-    assert "Before and after the break" in titles
+    assert "Before and after the interruption" in titles
 
 
 def test_an_unbroken_run_has_no_such_keys() -> None:

@@ -80,7 +80,7 @@ def model(ended: list[str], held: list[Any], monkeypatch: pytest.MonkeyPatch) ->
 def test_a_run_ends_after_the_cycle_that_leaves_the_u(model: EnoughCycles, ended: list[str], held: list[Any]) -> None:
     """Nothing ends before a cycle is complete, nor by a larger U; the time left follows from the cycles needed."""
     model.follow(snapshot(0))
-    assert uncertainty_text(model, snapshot(0)).startswith("U 0.08 mm wanted, known after one cycle")
+    assert uncertainty_text(model, snapshot(0)).startswith("U 0.08 mm asked, known after one cycle")
     Done.result = known(1, 0.1, 0.07, (("loading", 50.0), ("unloading", -40.0)))
     assert Done.result.more_cycles == 3
     model.follow(snapshot(1))
@@ -211,7 +211,7 @@ def test_a_value_is_of_its_unit_alone(model: EnoughCycles, ended: list[str]) -> 
     assert model.asked_of(plans["repeatability"]) == (0.5, "% FSO")
     armed = snapshot(0, SessionState.ARMED)
     armed.plan.kind = "continuous"
-    assert uncertainty_text(model, armed) == "\u00b10.5 % FSO wanted, known after a few cycles"
+    assert uncertainty_text(model, armed) == "\u00b10.5 % FSO asked, known after a few cycles"
     assert not ended
 
 

@@ -208,7 +208,7 @@ def test_what_a_run_had_reached_is_shown_after_it(running):
         assert shown.isVisible()
     session.change(state=SessionState.ARMED)
     running.refresh()
-    assert shown.text() == "U 0.08 mm wanted, known after one cycle"
+    assert shown.text() == "U 0.08 mm asked, known after one cycle"
     enough.ask(None, "mm")
     running.refresh()
     assert shown.isHidden()

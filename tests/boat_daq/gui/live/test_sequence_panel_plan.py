@@ -55,7 +55,8 @@ def test_plan_target_and_limits_are_in_the_chosen_units(live):
     model.unit_choice.choose(ShownUnits.of("mbar"))
     live.refresh()
     assert (plan.fields["high_kpa"].text(), plan.rows["high_kpa"][2].text()) == ("500", "mbar")
-    assert plan.limits.text() == "Limits \u2212400 to +500 mbar, of the plan"
+    assert plan.limits.text() == "Limits \u2212400 to +500 mbar"
+    assert plan.limits.toolTip() == "Limits of the plan"
     plan.fields["high_kpa"].editingFinished.emit()
     assert model.undo.done == []
     plan.fields["high_kpa"].setText("400")

@@ -199,15 +199,15 @@ def test_first_opening_shows_the_shipped_sweep_and_what_is_being_done(qtbot, app
     assert shown.strip.others.x.size + shown.strip.tied.x.size == 648
     job, names = (
         FakeJob.made[-1],
-        {"optics": FakeJob.made[-1], "compiled code": SimpleNamespace(counted="compiling once: 3 of 98 functions")},
+        {"optics": FakeJob.made[-1], "compiled code": SimpleNamespace(counted="compiling: 3 of 98 functions")},
     )
     monkeypatch.setattr(app_model.optics.jobs, "get", names.get)
     job.fraction = None
     shown.refresh()
-    assert shown.scene.empty_text.text().startswith("Compiling once: 3 of 98 functions.")
+    assert "appear here. Compiling: 3 of 98 functions." in shown.scene.empty_text.text()
     job.fraction = 0.4
     shown.refresh()
-    assert shown.scene.empty_text.text() == "Tracing \u2026 40 %. Drawn next: the light guide and its rays."
+    assert shown.scene.empty_text.text() == "The light guide and its rays appear here. Tracing \u2026 40 %."
 
 
 def test_value_not_offered_is_listed_last_while_selected(page):
@@ -347,7 +347,7 @@ def test_empty_plots_show_what_will_be_there(live, monkeypatch):
         card.show_sweep()
     page.scene.show_state(live.model.optics)
     page.response.show_result(live.model.optics)
-    for cards, what in (((page.scene, page.response), "rawn next"), ((page.strip, page.maps), "design")):
+    for cards, what in (((page.scene, page.response), "appear here"), ((page.strip, page.maps), "design")):
         for card in cards:
             assert not card.view.isVisible()
             assert what in card.empty_text.text()

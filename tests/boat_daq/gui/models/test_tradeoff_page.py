@@ -97,7 +97,7 @@ def test_measurement_of_this_computer_starts_reports_progress_and_is_cancelled(p
     page.refresh(app_model.snapshot)
     assert page.start.text() == "Measure this computer"
     assert [d.name for d in app_model.tradeoff.defaults if d.measured] == ["tracer"]
-    assert page.measured.text().startswith("Measured on this computer")
+    assert page.measured.text().startswith("This computer: ")
     page.start.click()
     page.start.click()
     app_model.jobs.poll()

@@ -53,7 +53,7 @@ def run_result(offset: float = 0.0, warnings: tuple[Warning, ...] = (), **more) 
     pressure = np.broadcast_to(level, (2, CYCLES, 10))
     loops = LoopSet(tuple(range(1, CYCLES + 1)), pressure, None, np.stack([1650 + 3 * pressure] * 2))
     sensors = (sensor(1, offset), sensor(2, offset))
-    run = {"path": "run.boat", "unit": "SA1", "simulated": True, "duration_s": 100.0, "cycles": CYCLES, "partial": 0}
+    run = {"path": "run.boat", "unit": "SA1", "simulated": True, "cycles": CYCLES, "partial": 0}
     run["verdict"] = USABLE
     return RunResult(**run | {"sensors": sensors, "figures": (), "loops": loops, "warnings": warnings} | more)
 

@@ -11,7 +11,7 @@ from tests.boat_daq.gui.results.run_results import run_result
 
 ROWS = (
     (("Expanded uncertainty", "of one reading"), ("\u00b181 \u00b5m", "k = 2"), ("\u00b173 \u00b5m", "k = 2")),
-    (("Traceable", "not traceable: not assessed: parallax"), ("no", "not assessed: parallax"), ("no", "")),
+    (("Traceable", "not traceable: no uncertainty is given for parallax"), ("no", "for parallax"), ("no", "")),
     (("Parallax", "not in the file"), ("not assessed", "not in the file"), ("not assessed", "")),
     (
         ("Combined error\n\u2264 24.2 % FSO", "published"),

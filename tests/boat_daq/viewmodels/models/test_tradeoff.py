@@ -31,7 +31,7 @@ def test_shipped_measurement_is_shown_at_once(tmp_path):
     """Every method has a default that was measured; computer and date are named."""
     model = model_in(tmp_path)
     assert measured(model) == list(METHOD_NAMES)
-    assert model.measured.startswith("Measured on the computer of the shipped measurement (")
+    assert model.measured.startswith("Shipped measurement: ")
     assert not model.path.exists()
 
 
@@ -44,7 +44,7 @@ def test_own_measurement_replaces_the_shipped_one_and_is_restored_at_the_next_st
     assert (model.defaults[1].setting, math.isnan(model.defaults[1].share)) == ("not measured", True)
     again = model_in(tmp_path)
     assert measured(again) == ["tracer"]
-    assert again.measured == "Measured on this computer (this one), 2026-01-02"
+    assert again.measured == "This computer: this one, 2026-01-02"
     again.path.write_text("{", encoding="utf-8")
     broken = model_in(tmp_path)
     assert measured(broken) == list(METHOD_NAMES)

@@ -90,7 +90,7 @@ def test_uncertainty_names_what_was_not_assessed_and_the_published_limits(result
     assert {"Parallax", "Temperature", "Expanded uncertainty", "Traceable"} <= rows.keys()
     assert {text for text, _ in rows["Parallax"]} == {"not assessed"}
     assert {text for text, _ in rows["Traceable"]} == {"no"}
-    assert all("not assessed: scale of grid or photograph" in tip for _, tip in rows["Traceable"])
+    assert all("no uncertainty is given for scale of grid or photograph" in tip for _, tip in rows["Traceable"])
     assert all(text.endswith(" \u00b5m") and "% of the variance" in tip for text, tip in rows["Noise"])
     limit = rows["Hysteresis, system\n\u2264 5 % FSO"]
     whole, partly = {"\u25cf pass", "\u25b2 fail"}, {"\u25d0 pass\nconditional", "\u25b3 fail\nconditional"}

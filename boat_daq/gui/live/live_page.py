@@ -150,7 +150,7 @@ class FirstSteps(QScrollArea):
         frame.setMaximumWidth(style.FORM_WIDTH + style.PANE_WIDTH)
         inside.setContentsMargins(*(6 * style.STEP,) * 4)
         inside.setSpacing(style.GAP)
-        across = controls.row(None, (frame, 1000), None)  # no alignment: an aligned frame does not wrap its text
+        across = controls.row(None, (frame, 1000), None, spacing=0)  # an aligned frame does not wrap its text
         self.setWidgetResizable(True)
         self.setWidget(controls.holder(controls.column(None, across, None)))
 

@@ -322,7 +322,8 @@ class RunsPage(QWidget):
         one = len(chosen) == 1
         self.actions_["resume"].setVisible(one and chosen[0].resumable)
         self.actions_["recover"].setVisible(any(run.recoverable for run in chosen))
-        self.details.setText(selection_text(chosen))
+        nothing = self.search.text() and not self.list.rowCount()
+        self.details.setText("No recording matches the search." if nothing else selection_text(chosen))
         controls.allow(self.over_time, "" if self.units.selectedIndexes() else "Choose a line of the units.")
 
     def paint_theme(self, theme: Theme) -> None:

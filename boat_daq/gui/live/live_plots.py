@@ -98,8 +98,8 @@ class LivePlots(PlotCard):
         self.pressure = self._own(PRESSURE, x_title="Time", x_unit="s")
         self.band = self.length.band("Band, k = 2", lambda t: t.elongation)
         self.read = self.length.points("Readings", lambda t: t.text, filled=False)
-        self.curves[ELONGATION] = self.length.curve("Elongation", lambda t: t.elongation, gaps=True)
-        self.curves[PRESSURE] = self.pressure.curve("Pressure", lambda t: t.pressure, gaps=True)
+        self.curves[ELONGATION] = self.length.curve("Elongation", lambda t: t.elongation, gaps=True, thin=True)
+        self.curves[PRESSURE] = self.pressure.curve("Pressure", lambda t: t.pressure, gaps=True, thin=True)
         self.target = self.pressure.curve("Target", lambda t: t.target, gaps=True, pen_style=Qt.PenStyle.DashLine)
         self.limits = self.pressure.curve("Limits", lambda t: t.warn, gaps=True, pen_style=Qt.PenStyle.DotLine)
         for quantity, plot in ((ELONGATION, self.length), (PRESSURE, self.pressure)):
@@ -138,7 +138,7 @@ class LivePlots(PlotCard):
         plot = self._own(quantity)
         band = plot.band("Predicted, 95 %", lambda t: t.muted, alpha=style.BAND_OPACITY // 2)
         predicted = plot.curve("Predicted", lambda t: t.muted, gaps=True, pen_style=Qt.PenStyle.DashLine)
-        curve = plot.curve(f"Sensor {sensor}", sensor_colour(sensor), gaps=True)
+        curve = plot.curve(f"Sensor {sensor}", sensor_colour(sensor), gaps=True, thin=True)
         self.curves[quantity], self.predicted[quantity] = curve, (predicted, band)
         self.layers[quantity] = [band, predicted, curve]
 
@@ -154,13 +154,13 @@ class LivePlots(PlotCard):
                 plot = self._own(quantity)
                 bands = [plot.band("Band, k = 2", lambda t: t.elongation)] if quantity == CAMERA else []
                 colour = (lambda t: t.elongation) if bands else (lambda t: t.target)
-                curve = plot.curve(channel.title, colour, gaps=True)
+                curve = plot.curve(channel.title, colour, gaps=True, thin=True)
                 self.curves[quantity], self.layers[quantity] = curve, [*bands, curve]
                 self.camera_band = bands[0] if bands else self.camera_band
                 self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)
         for quantity in self.model.differences():
             if quantity not in self.own:
-                curve = self._own(quantity).curve("Measured less predicted", lambda t: t.text, gaps=True)
+                curve = self._own(quantity).curve("Measured less predicted", lambda t: t.text, gaps=True, thin=True)
                 self.curves[quantity], self.layers[quantity] = curve, [curve]
                 self.view.setMinimumHeight(style.LIVE_PLOTS_MINIMUM)
         if len(self.own) > made:

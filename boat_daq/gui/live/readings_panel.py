@@ -276,8 +276,9 @@ class ReadingsTableModel(QAbstractTableModel):
             return row.cells[index.column()]
         if role == Qt.ItemDataRole.TextAlignmentRole:
             return side(index.column())
-        if role == Qt.ItemDataRole.FontRole and (row.current or row.apart_mm is not None or row.far):
-            return style.font(weight=QFont.Weight.Bold)
+        marked = row.current or row.apart_mm is not None or row.far
+        if role == Qt.ItemDataRole.FontRole and marked and side(index.column()) & Qt.AlignmentFlag.AlignRight:
+            return style.font(weight=QFont.Weight.Bold)  # of the numbers: a remark is not cut
         if role == Qt.ItemDataRole.ToolTipRole:
             return row.tip or None
         return None

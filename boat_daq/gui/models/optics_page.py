@@ -77,8 +77,8 @@ class SceneCard(PlotCard):
         self.plot.item.getViewBox().setAspectLocked(True)
         self.curves = (  # in the order of `StateScene`
             self.plot.curve("Guide", lambda t: t.muted, gaps=True),
-            self.plot.curve("Released", lambda t: style.faint(t.sensors[0], style.RAY_ALPHA), gaps=True),
-            self.plot.curve("Secondary", lambda t: style.faint(t.sensors[1], style.RAY_ALPHA), gaps=True),
+            self.plot.curve("Released", lambda t: style.faint(t.sensors[0], style.RAY_ALPHA), gaps=True, thin=True),
+            self.plot.curve("Secondary", lambda t: style.faint(t.sensors[1], style.RAY_ALPHA), gaps=True, thin=True),
             self.plot.curve("Receiver", lambda t: t.pressure),
         )
         self.drawn = self.plot.corner_text()

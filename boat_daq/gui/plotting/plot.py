@@ -34,8 +34,8 @@ DASHES_PX = 6.0  # after so many the patterns of dashed and of dotted lines begi
 pg.setConfigOptions(antialias=False, useOpenGL=False, segmentedLineMode="off")
 
 
-def dash_width() -> float:
-    """Return the width of a dashed line: at twice the pixels one of a single pixel is hardly seen."""
+def line_width() -> float:
+    """Return the width of a line: at twice the pixels one of a single pixel is hardly seen."""
     ratio = QGuiApplication.primaryScreen().devicePixelRatio()
     return ratio if ratio > 1.0 else COSMETIC
 
@@ -121,10 +121,10 @@ class PathItem(QGraphicsPathItem):
         if self._end is not None:
             self._end.setPath(QPainterPath())
 
-    def set_line_colour(self, colour: str, pen_style: Qt.PenStyle) -> None:
+    def set_line_colour(self, colour: str, pen_style: Qt.PenStyle, *, thin: bool) -> None:
         for line in (self, self._end):
             if line is not None:
-                pen = QPen(QColor(colour), COSMETIC if pen_style is Qt.PenStyle.SolidLine else dash_width(), pen_style)
+                pen = QPen(QColor(colour), COSMETIC if thin else line_width(), pen_style)
                 pen.setCosmetic(True)
                 line.setPen(pen)
 
@@ -367,10 +367,16 @@ class Plot:
             item.getAxis(side).unlinkFromView()  # hidden, they would still be updated in every frame
 
     def curve(
-        self, name: str, colour: ThemeColour, *, gaps: bool = False, pen_style: Qt.PenStyle = Qt.PenStyle.SolidLine
+        self,
+        name: str,
+        colour: ThemeColour,
+        *,
+        gaps: bool = False,
+        thin: bool = False,
+        pen_style: Qt.PenStyle = Qt.PenStyle.SolidLine,
     ) -> Curve:
-        """Add a curve; dashed for a value that is set, not measured."""
-        layer = Curve(name, PathItem(), colour, lambda it, value: it.set_line_colour(value, pen_style))
+        """Add a curve; dashed for a value that is set, not measured; `thin` where it is painted many times a second."""
+        layer = Curve(name, PathItem(), colour, lambda it, value: it.set_line_colour(value, pen_style, thin=thin))
         layer.gaps = gaps
         return self._add(layer)
 
@@ -551,7 +557,7 @@ class Plot:
                 break
         self.cursor.label.setFormat(text.replace("{", "{{").replace("}", "}}"))
         if self._theme is not None:
-            self.cursor.label.fill = pg.mkBrush(self._theme.surface)
+            self.cursor.label.fill = pg.mkBrush(style.colour(self._theme.surface, style.LABEL_OPACITY))
 
     def fit(self, *, x_margin: float = 0.04, smallest: float = 0.0, also_y: Sequence[float] = ()) -> None:
         """Show all that is drawn and the heights `also_y`, at least `smallest` high; not in a frame."""
@@ -593,12 +599,13 @@ class Plot:
         for labels in self._labels:
             labels.paint(theme)
         for item, colour, pen_style in self._lines:
-            item.setPen(pg.mkPen(colour(theme), width=max(dash_width(), 1.0), style=pen_style))
+            item.setPen(pg.mkPen(colour(theme), width=max(line_width(), 1.0), style=pen_style))
             if getattr(item, "movable", False):
                 item.setHoverPen(pg.mkPen(colour(theme), width=2, style=pen_style))
             if hasattr(item, "label"):
                 item.label.setColor(colour(theme))
-                item.label.fill = pg.mkBrush(theme.surface if item.label.format.strip() else None)
+                ground = style.colour(theme.surface, style.LABEL_OPACITY)
+                item.label.fill = pg.mkBrush(ground if item.label.format.strip() else None)
 
     def label_x(self, title: str, unit: str) -> None:
         """Label the lower axis with its values and title; leave both out without a title."""

@@ -50,8 +50,8 @@ class LoopsByCycle(PlotCard):
         for number in range(len(self.plots) + 1, sensors + 1):
             plot = self.add(f"Sensor {number}", "% FSO", x_title="Pressure", x_unit="kPa")
             plot.line(lambda t: t.muted, style_=Qt.PenStyle.SolidLine)
-            names = [f"Sensor {number}, group {i + 1}" for i in range(GROUPS)]
-            self.groups.append([plot.curve(name, ramp_colour(i, GROUPS), gaps=True) for i, name in enumerate(names)])
+            colours = {f"Sensor {number}, group {i + 1}": ramp_colour(i, GROUPS) for i in range(GROUPS)}
+            self.groups.append([plot.curve(name, of, gaps=True, thin=True) for name, of in colours.items()])
         self.link_x()
         self.show_only(self.plots[:sensors])
         self.paint_theme(self.theme)

@@ -98,7 +98,7 @@ def missing(result: RunResult) -> NoCurve | None:
 def warnings(result: RunResult) -> tuple[str, ...]:
     """Return the warnings of a run as texts, first those of a reading, which can be corrected."""
     ordered = sorted(result.warnings, key=lambda warning: warning.code not in OF_A_READING)
-    return tuple(f"{sensor_words(w.subject)}: {w.text}" if w.subject else w.text for w in ordered)
+    return tuple(shown_text(f"{sensor_words(w.subject)}: {w.text}" if w.subject else w.text) for w in ordered)
 
 
 def curve_row(c: CurveCandidate, units: ShownUnits, *, chosen: bool) -> tuple[Cells, str]:

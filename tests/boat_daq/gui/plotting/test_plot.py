@@ -72,7 +72,7 @@ def test_line_is_broken_at_missing_values(view):
     item.setYRange(-1, 1, padding=0)
     line = PathItem()
     item.addItem(line)
-    line.set_line_colour("#ff0000", Qt.PenStyle.SolidLine)
+    line.set_line_colour("#ff0000", Qt.PenStyle.SolidLine, thin=True)
     x = np.linspace(0.0, 10.0, 101)
     line.draw_line(x, np.where((x > 4.0) & (x < 6.0), np.nan, 0.0), gaps=True)
     view.viewport().repaint()

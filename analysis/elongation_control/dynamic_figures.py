@@ -36,7 +36,8 @@ class StepFigures:
 class BodePoint:
     """One frequency of a sweep: gain and phase of the elongation over its setpoint, with standard uncertainties.
 
-    `amplitude_mm` is that of the setpoint, NaN where it is not known; `n` the number of repeats that were averaged.
+    `amplitude_mm` is that of the setpoint, NaN where it is not known; `n` the number of repeats that were averaged: one
+    has no uncertainty.
     """
 
     frequency_hz: float
@@ -78,6 +79,8 @@ class DynamicCalibration:
         edge, highest = self.bandwidth_hz, max((p.frequency_hz for p in self.bode), default=math.nan)
         if not math.isfinite(edge.value):
             return f"above {highest:g} Hz: -3 dB is not reached"
+        if not math.isfinite(edge.low):
+            return f"{edge.value:.2f} Hz at -3 dB (no interval)"
         upper = f"{edge.high:.2f}" if math.isfinite(edge.high) else f"more than {highest:g}"
         return f"{edge.value:.2f} Hz ({edge.low:.2f} to {upper} Hz) at -3 dB"
 
@@ -86,8 +89,8 @@ class DynamicCalibration:
         return tuple(
             (
                 f"{p.frequency_hz:g} Hz" + (f", {p.amplitude_mm:g} mm" if math.isfinite(p.amplitude_mm) else ""),
-                f"{p.gain_db:+z.2f} ± {2 * p.u_gain_db:.2f}",
-                f"{p.phase_deg:+z.2f} ± {2 * p.u_phase_deg:.2f}",
+                f"{p.gain_db:+z.2f} {_interval(p.u_gain_db)}",
+                f"{p.phase_deg:+z.2f} {_interval(p.u_phase_deg)}",
             )
             for p in self.bode
         )
@@ -105,3 +108,7 @@ class DynamicCalibration:
         edge = [self.bandwidth_hz.low, self.bandwidth_hz.high]
         found = json_object(self, *head) | {"steps": steps}
         return found | json_object(self, "bode", "bandwidth_hz=bandwidth_hz.value") | {"bandwidth_95_hz": edge}
+
+
+def _interval(u: float) -> str:
+    return f"± {2 * u:.2f}" if math.isfinite(u) else "(one period)"

@@ -126,7 +126,10 @@ def integral_for(lag: Lag, period_s: float) -> float:
 
 
 def bode_point(time_s: FloatArray, setpoint: FloatArray, elongation: FloatArray, frequency_hz: float) -> BodePoint:
-    """Return gain and phase at one frequency, by least squares of sine, cosine, mean and trend."""
+    """Return gain and phase at one frequency, by least squares of sine, cosine, mean and trend.
+
+    Their uncertainties are unknown: what changes between repeats, such as creep, is far more than the residuals show.
+    """
     known = np.isfinite(elongation) & np.isfinite(setpoint)
     if known.sum() < 12:
         raise DataError(f"too few samples at {frequency_hz:g} Hz", "Sample faster, or sweep more periods.")
@@ -134,26 +137,21 @@ def bode_point(time_s: FloatArray, setpoint: FloatArray, elongation: FloatArray,
     angle = 2.0 * math.pi * frequency_hz * t
     columns = np.stack([np.cos(angle), np.sin(angle), np.ones(len(t)), t - t.mean()], axis=1)
     (a, b, *_), *_ = np.linalg.lstsq(columns, setpoint[known], rcond=None)
-    (c, d, *rest), *_ = np.linalg.lstsq(columns, elongation[known], rcond=None)
+    (c, d, *_), *_ = np.linalg.lstsq(columns, elongation[known], rcond=None)
     ratio = complex(c, -d) / complex(a, -b)
-    left = elongation[known] - columns @ np.array([c, d, *rest])
-    u = math.sqrt(2.0 * float(left @ left) / (len(t) - 4) / len(t)) / abs(complex(c, d))
     gain, phase = 20.0 * math.log10(abs(ratio)), math.degrees(math.atan2(ratio.imag, ratio.real))
-    return BodePoint(frequency_hz, gain, phase, 20.0 / math.log(10.0) * u, math.degrees(u))
+    return BodePoint(frequency_hz, gain, phase, math.nan, math.nan)
 
 
 def mean_bode_point(repeats: Sequence[BodePoint]) -> BodePoint:
-    """Return the mean of repeats of one sine; U (k = 2) is then the 95 % interval of their mean (Student t).
-
-    What changes between repeats, such as creep, is far more than the residuals within one show.
-    """
+    """Return the mean of repeats of one sine; U (k = 2) is then the 95 % interval of their mean (Student t)."""
     n = len(repeats)
     if n < 2:
         return repeats[0]
     gain, phase = (np.array([getattr(one, name) for one in repeats]) for name in ("gain_db", "phase_deg"))
     phase = np.degrees(np.unwrap(np.radians(phase)))
     half = float(student.ppf(0.975, n - 1)) / math.sqrt(n) / COVERAGE_FACTOR
-    u_gain, u_phase = (max(half * float(one.std(ddof=1)), 0.0) for one in (gain, phase))
+    u_gain, u_phase = (half * float(one.std(ddof=1)) for one in (gain, phase))
     return replace(
         repeats[0],
         gain_db=float(gain.mean()),
@@ -171,7 +169,7 @@ def bandwidth(points: Sequence[BodePoint]) -> DynamicFigure:
 
 def _edge_hz(points: Sequence[BodePoint], off: float) -> float:
     """Return the frequency at -3 dB with the gains off by so many standard uncertainties."""
-    found = sorted((point.frequency_hz, point.gain_db + off * point.u_gain_db) for point in points)
+    found = sorted((one.frequency_hz, one.gain_db + (off * one.u_gain_db if off else 0.0)) for one in points)
     for (low_hz, above), (high_hz, below) in pairwise(found):
         if above >= -3.0 > below:
             return float(low_hz * (high_hz / low_hz) ** ((above + 3.0) / (above - below)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -310,7 +311,8 @@ def _present(twin: TwinFile, *lines: str, as_json: bool) -> None:
 
 def _show_figures(groups: dict[str, dict[str, DynamicFigure]]) -> None:
     rows = [
-        (group, name.replace("_", " "), _UNITS[unit], f"{figure.value:.3g}", f"{figure.low:.3g} .. {figure.high:.3g}")
+        (group, name.replace("_", " "), _UNITS[unit], f"{figure.value:.3g}",
+         f"{figure.low:.3g} .. {figure.high:.3g}" if math.isfinite(figure.low) else "not repeated")
         for group, figures in groups.items()
         for (name, _, unit), figure in ((key.rpartition("_"), value) for key, value in figures.items())
     ]  # fmt: skip

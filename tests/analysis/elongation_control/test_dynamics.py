@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -70,6 +71,8 @@ def test_bandwidth_is_interpolated_and_unknown_beyond_the_sweep():
     assert edge.value == pytest.approx(math.sqrt(2.0))
     assert (edge.low, edge.high) == pytest.approx((2.0**0.25, 2.0**0.75))  # every gain 1 dB lower, and higher
     assert math.isnan(bandwidth(points[:1]).value)
+    once = bandwidth([replace(point, u_gain_db=math.nan) for point in points])
+    assert (once.value, math.isnan(once.low), math.isnan(once.high)) == (edge.value, True, True)
 
 
 def test_figures_of_a_lag_are_those_of_the_second_order():

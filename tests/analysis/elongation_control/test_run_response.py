@@ -11,7 +11,8 @@ import pytest
 
 from analysis.data.recording import STEP_COLUMNS, Recording
 from analysis.elongation_control.controller import Tuning
-from analysis.elongation_control.dynamics import Lag
+from analysis.elongation_control.dynamic_figures import DynamicCalibration
+from analysis.elongation_control.dynamics import Lag, bandwidth
 from analysis.elongation_control.run_response import bode_of_run, dynamic_calibration, identify_run, tune_run
 from analysis.elongation_control.sensor_loop import find_loops
 from analysis.elongation_control.unit_file import TwinFile, read_twin
@@ -104,6 +105,11 @@ def test_one_sine_is_repeated_by_its_periods():
     assert point.n == 5
     assert steady.u_gain_db < 1e-3
     assert 2 * point.u_gain_db == pytest.approx(2.776 / 5**0.5 * 20 * np.log10(1.004) * 2.5**0.5, rel=0.1)
+    (single,) = bode_of_run(run_of("mm", [(0.5, replace(sine, periods=2.0))]), FUSION)
+    assert single.n == 1
+    assert np.isnan([single.u_gain_db, single.u_phase_deg]).all()  # nothing was repeated
+    found = DynamicCalibration("", True, "", 0.05, {}, (single,), bandwidth((single,)))
+    assert [cell.partition(" ")[2] for cell in found.bode_rows()[0][1:]] == ["(one period)"] * 2
 
 
 def test_steps_of_elongation_give_the_figures_of_the_lag():

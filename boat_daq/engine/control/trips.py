@@ -21,7 +21,7 @@ class Trip:
 
 
 _CLEAR_ESTOP = "release it when it is safe, then clear the fault"
-_LOWER_SPEED = "close other programs on this computer, or lower the speed of a virtual board"
+_LOWER_SPEED = "keep this computer awake and close its other programs; lower the speed of a virtual board"
 _WORDING: dict[MessageKind, tuple[str, str]] = {  # cause and remedy
     # a level of the samples; the values by name
     MessageKind.ESTOP: ("the e-stop is pressed", _CLEAR_ESTOP),

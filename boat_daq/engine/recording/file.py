@@ -84,6 +84,10 @@ def storage_error(path: Path, error: Exception) -> StorageError:
     return StorageError(f"{path} cannot be written: {error}", "Check the disk; what is recorded so far is kept.")
 
 
+def _gone(path: Path) -> StorageError:
+    return StorageError(f"{path} was moved or removed while it was recorded", "Put it back, or start again.")
+
+
 def _sqlite_code(error: Exception) -> int:
     """Return the primary code of an error of SQLite; 0 for any other."""
     return int(getattr(error, "sqlite_errorcode", 0)) & 0xFF
@@ -150,17 +154,19 @@ class RecordingFile:
         except (sqlite3.Error, OSError) as error:
             with contextlib.suppress(sqlite3.Error):
                 self._connection.rollback()
-            raise storage_error(self.path, error) from error
+            raise self._failed(error) from error
 
     def columns(self, table: str) -> list[str]:
         """Return the names of a table's columns."""
         return [row[1] for row in self._connection.execute(f"PRAGMA table_info({table})")]
 
+    def _failed(self, error: Exception) -> StorageError:
+        return storage_error(self.path, error) if self.path.exists() else _gone(self.path)
+
     def check_place(self) -> None:
         """Detect what no write reports: that the file was moved or removed."""
         if _identity(self.path) != self._identity:
-            cause = f"{self.path} was moved or removed while it was recorded"
-            raise StorageError(cause, "Put it back, or start again.")
+            raise _gone(self.path)
 
     def check_space(self) -> None:
         """Detect a disk that is nearly full, while the file can still be closed."""
@@ -182,7 +188,7 @@ class RecordingFile:
         except sqlite3.OperationalError as error:
             if _sqlite_code(error) in _LOCKED:
                 return False
-            raise storage_error(self.path, error) from error
+            raise self._failed(error) from error
         finally:
             self.abandon()
 

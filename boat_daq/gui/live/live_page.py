@@ -417,8 +417,8 @@ class LivePage(QWidget):
         shown |= {"mm": head.elongation, "kpa": head.pressure, "target": head.target}
         if age:  # nothing tells whether the unit is still under pressure
             for name, text in shown.items():
-                noted = text != NOTHING and (name == "kpa" or not self.narrow)
-                figures[name].set(NOTHING, f"was {text}" if noted and name != "target" else "", age)
+                noted = text != NOTHING and name in ("kpa", "mm")  # a signal is too long for its place
+                figures[name].set(NOTHING, f"was {text}" if noted else "", age)
             return
         for name, text in shown.items():
             figures[name].set(text)

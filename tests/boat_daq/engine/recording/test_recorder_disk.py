@@ -127,7 +127,7 @@ def test_a_removed_folder_is_detected(path, source):
         time.sleep(0.02)
     assert "moved or removed" in errors[0].cause
     assert recorder.failure == errors[0].cause
-    with pytest.raises(StorageError):
+    with pytest.raises(StorageError, match="moved or removed"):  # it was "what is recorded so far is kept"
         recorder.close(RunEnd.ABORTED)
 
 

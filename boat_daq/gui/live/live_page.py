@@ -146,13 +146,18 @@ class FirstSteps(QScrollArea):
         buttons = ((self.virtual, self.board), (), ())
         rows = zip(_STEPS.items(), buttons, strict=True)
         steps = [self._step(str(i), title, text, *each) for i, ((title, text), each) in enumerate(rows, 1)]
-        frame, inside = controls.card(controls.label("From a board to a calibration", "title"), self.first, *steps)
+        frame, self.inside = controls.card(controls.label("From a board to a calibration", "title"), self.first, *steps)
         frame.setMaximumWidth(style.FORM_WIDTH + style.PANE_WIDTH)
-        inside.setContentsMargins(*(6 * style.STEP,) * 4)
-        inside.setSpacing(style.GAP)
         across = controls.row(None, (frame, 1000), None, spacing=0)  # an aligned frame does not wrap its text
         self.setWidgetResizable(True)
         self.setWidget(controls.holder(controls.column(None, across, None)))
+
+    def resizeEvent(self, event: QResizeEvent) -> None:
+        """Put all closer in a low window: it shows the three steps without scrolling at 853 x 600."""
+        low = self.window().height() < style.LOW_BELOW
+        self.inside.setContentsMargins(*((style.CARD_PADDING if low else 6 * style.STEP),) * 4)
+        self.inside.setSpacing(style.STEP if low else style.GAP)
+        super().resizeEvent(event)
 
     def showEvent(self, event: QShowEvent) -> None:
         """Offer the quick trial first where nothing has been recorded yet."""

@@ -88,6 +88,7 @@ class CertificatePanel(FormDialog):
             pixmap = pixmap.scaledToWidth(round(ratio * width), Qt.TransformationMode.SmoothTransformation)
             pixmap.setDevicePixelRatio(ratio)
             page.setPixmap(pixmap)
+            page.setFixedSize(pixmap.deviceIndependentSize().toSize())  # else pages share the height of the window
             page.setAccessibleName(f"Page {number} of {len(model.pages)}")
             self.stack.addWidget(page, 0, Qt.AlignmentFlag.AlignHCenter)
 

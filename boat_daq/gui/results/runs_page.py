@@ -16,6 +16,7 @@ from PySide6.QtCore import (
     QRect,
     QSize,
     Qt,
+    QTimer,
 )
 from PySide6.QtGui import QAction, QFontMetrics, QPainter, QPen, QPolygonF, QResizeEvent, QTransform
 from PySide6.QtWidgets import (
@@ -23,6 +24,7 @@ from PySide6.QtWidgets import (
     QHeaderView,
     QMenu,
     QPushButton,
+    QScrollArea,
     QStyledItemDelegate,
     QStyleOptionViewItem,
     QWidget,
@@ -389,6 +391,13 @@ class RunsPage(QWidget):
             here = self.list.model().index(rows[0], 0)
             self.list.selectionModel().setCurrentIndex(here, QItemSelectionModel.SelectionFlag.NoUpdate)
 
+    def _reveal(self) -> None:
+        """Scroll a small page down to the comparison."""
+        viewport = self.parentWidget()
+        area = viewport.parentWidget() if viewport is not None else None
+        if isinstance(area, QScrollArea):
+            area.ensureWidgetVisible(self.compare_card, 0, style.GAP)
+
     def _show_unit(self) -> None:
         row = self.units.currentRow()
         self.services.notices.attempt(
@@ -403,6 +412,7 @@ class RunsPage(QWidget):
         self.compare_card.show_signals_in(self.model.comparison_unit)
         if lines:
             self._arrange_comparison(len(lines))
+            QTimer.singleShot(0, self, self._reveal)  # laid out by then
         self.compare_card.readout.setText(legend)
         for labels, curves in zip(self.numbers, lines, strict=False):
             labels.set([(*spread(x, y, i, len(curves)), str(i + 1)) for i, (x, y) in enumerate(curves) if x.size])

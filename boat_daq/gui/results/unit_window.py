@@ -12,6 +12,7 @@ from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_save
+from boat_daq.gui.widgets.layouts import PageScroll
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.results.unit_over_time import UnitOverTimeModel, history_headings, unit_rows
 from boat_daq.workflows.unit_history import UnitOverTime
@@ -20,6 +21,7 @@ from protocol.base.arrays import FloatArray
 _REFRESH_MS = 200
 _SIZE = (1000, 720)
 _LEAST_SHARE = 0.05  # of the values: less is not spread over the whole height
+_AROUND = 0.1  # of the values: no point at the edge is cut
 FINDING = 5  # column that takes the remaining width
 CURVES_TITLE = "Calibration curves"
 DIFFERENCES = "Difference from the first"
@@ -68,8 +70,9 @@ class UnitWindow(QDialog):
         self.simulated = controls.label("SIMULATED", "simulated", name="These calibrations are of a simulated unit")
         self.simulated.setVisible(model.units.simulated)
         head = controls.row(self.simulated, (self.due, 1), self.sensor)
-        parts = (head, (controls.holder(grid), 3), (self.table, 1), buttons)
-        self.setLayout(controls.column(*parts, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
+        area = PageScroll()  # on a small screen; the buttons stay below it
+        area.setWidget(controls.holder(controls.column((controls.holder(grid), 3), (self.table, 1), spacing=style.GAP)))
+        self.setLayout(controls.column(head, (area, 1), buttons, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
         self.startTimer(_REFRESH_MS)
 
     def timerEvent(self, event: QTimerEvent | None = None) -> None:
@@ -135,8 +138,10 @@ class UnitWindow(QDialog):
             values = 1000.0 * history.expanded_mm[known]
             self._points(spread.curve(name, colour), spread.points(name, colour), days[known], values)
         for plot in (slope, spread):
-            most = max((float(np.abs(layer.y).max()) for layer in plot.layers if layer.y.size), default=1.0)
-            plot.fit(x_margin=0.1, smallest=_LEAST_SHARE * most)
+            values = np.concatenate([layer.y for layer in plot.layers if layer.y.size] or [np.ones(1)])
+            around = _AROUND * np.ptp(values)
+            ends = (values.min() - around, values.max() + around)
+            plot.fit(x_margin=_AROUND, smallest=_LEAST_SHARE * float(np.abs(values).max()), also_y=ends)
 
     def _points(self, curve: Curve, points: Points, x: FloatArray, y: FloatArray) -> None:
         for layer in (curve, points):

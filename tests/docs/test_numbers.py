@@ -11,24 +11,29 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import t as student
 from typer.testing import CliRunner
 
 from analysis.optics.scene.parameters import Light
 from analysis.optics.sweep.figure_of_merit import merit
 from analysis.optics.sweep.sweep import SweepRequest, paper_grid, run_sweep
+from analysis.shadow.fem.parameters import ActuatorParameters
 from analysis.shadow.model.full import MESH_ERROR_PERCENT
-from analysis.shadow.model.reduced import ReducedModel
+from analysis.shadow.model.reduced import ReducedModel, TableSettings
 from analysis.shadow.monitoring.cusum import smallest_shift, threshold_for
+from analysis.signal_prediction import light_table
 from analysis.signal_prediction.prediction import published_prediction
 from boat_daq.cli import app
+from boat_daq.workflows.measured_methods import tradeoff_methods
 from tests.docs.pages import ROOT
 from tests.verification.alarm_delays import FAULTS, delays
 from tests.verification.mesh_error import errors
 from tests.verification.polarisation import more_percent
-from tests.verification.sensing_principle import FOUND, drawn, repeated
+from tests.verification.sensing_principle import ENVELOPE_MM, FOUND, MODULUS_KPA, RANGES, drawn, repeated
 from tests.verification.uncertainty_coverage import table as table_of_u
 
 ENDS = ("50", "-40")  # kPa
+TRADEOFF = "analysis/studies/tradeoff/METHODS.md"
 OPTICS, PAPER = "docs/reproduction/optics.md", "docs/reproduction/paper.md"
 SHADOW, TRACER = "analysis/shadow/METHODS.md", "analysis/optics/METHODS.md"
 METHODS = "analysis/METHODS.md"
@@ -88,6 +93,40 @@ def test_errors_of_the_shadow_are_those_of_shadow_solve_and_table() -> None:
     says(SHADOW, f"{low:.1f} to {high:+.0f} kPa and {least:.1f} to {greatest:+.1f} mm")
     shifts = [smallest_shift(cycles, threshold_for(1000.0, 10)) for cycles in (20, 100)]
     says(SHADOW, "d = {:.1f} after 20 cycles and {:.1f} after 100.".format(*shifts))
+
+
+def numbers(text: str) -> list[float]:
+    """Return the numbers of a text; a comma before three digits separates thousands."""
+    found = re.findall(r"\d+(?:\.\d+)?(?:e-?\d+)?", re.sub(r"(?<=\d),(?=\d{3})", "", text))
+    return [float(number) for number in found]
+
+
+def test_settings_of_the_tradeoff_are_those_in_use() -> None:
+    """Tolerance, and the settings of draft, normal and reference."""
+    for name in ("tracer", "ranking", "full-fem", "reduced-fem", "posterior", "inverse", "segmentation", "bootstrap",
+                 "tracking"):  # fmt: skip
+        method, (_, tolerance, settings) = tradeoff_methods()[name], cells(TRADEOFF, name)
+        assert set(numbers(settings)) == set(numbers(" ".join(method.in_code.values()))), name
+        assert any(number == pytest.approx(method.tolerance, rel=0.01) for number in numbers(tolerance)), name
+
+
+def test_settings_of_the_models_are_those_in_use() -> None:
+    """Actuator, table and light; ranges of the search; U of few degrees of freedom."""
+    size, table = ActuatorParameters(), TableSettings()
+    assert cells(SHADOW, "wall modulus, neck radius")[0] == f"{size.wall_modulus_kpa} kPa, {size.neck_radius_mm} mm"
+    assert cells(SHADOW, "wall")[0] == f"{size.wall_mm} mm"
+    says(SHADOW, f"prescribed at {table.pressures} x {table.elongations} Chebyshev points")
+    says(SHADOW, f"value decomposition to {table.modes} shapes")
+    says(SHADOW, f"tracked point over {table.held_out} held-out states")
+    says(METHODS, f"at {light_table._SHAPES} solved shapes, three losses of the guide (0, 0.5 and 1 dB/cm) and ")
+    says(METHODS, f"{light_table._RAYS:,} rays, with every reflection")
+    says(METHODS, f"Losses are traced at {light_table.FIRST} elongations")
+    (_, belly, wall, nu), (low, high) = RANGES.values(), ENVELOPE_MM
+    says(OPTICS, "belly {:g} to {:g} mm, wall {:g} to {:g} mm, Poisson's ratio of the".format(*belly, *wall))
+    says(OPTICS, "of the lattice {:g} to {:g}, envelope {:g} to {:g} mm".format(*nu, low, high))
+    says(OPTICS, "wall ({:g} to {:g} MPa)".format(*(kpa / 1000.0 for kpa in MODULUS_KPA)))
+    covered = [100.0 * (2.0 * student.cdf(2.0, dof) - 1.0) for dof in (1e6, 5)]
+    says(METHODS, "covers {:.0f} % with many degrees of freedom and {:.0f} % with 5".format(*covered))
 
 
 def test_no_design_of_figure_3d_falls_throughout() -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import signal
 import sys
 import threading
@@ -305,7 +306,12 @@ def explain(error: Exception) -> tuple[str, str]:
 def _usage(error: Any) -> tuple[str, str]:
     """Return cause and remedy of a wrong call."""
     called = error.ctx.command_path if error.ctx is not None else "boat-daq"
-    return error.format_message().rstrip("."), f"{called} --help"
+    text = re.sub(r"a valid (float|int)(eger)?( range)?", _number_named, error.format_message())
+    return text.rstrip("."), f"{called} --help"
+
+
+def _number_named(found: re.Match[str]) -> str:
+    return "a number" if found[1] == "float" else "a whole number"
 
 
 def main() -> None:

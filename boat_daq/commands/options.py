@@ -96,7 +96,7 @@ def limits_of(texts: list[str] | None) -> dict[str, float]:
 def values_of(texts: list[str] | None) -> dict[str, str]:
     for text in texts or ():
         if "=" not in text:
-            raise typer.BadParameter(f"{text!r} is not KEY=VALUE", param_hint="--set")
+            raise typer.BadParameter(f"{text!r} is not KEY=VALUE")
     return {key.strip(): value for key, _, value in (text.partition("=") for text in texts or ())}
 
 

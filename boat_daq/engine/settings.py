@@ -174,7 +174,7 @@ class Unit:
         if not _NAME.fullmatch(self.name) or self.name.strip(" .") != self.name or is_device_name(self.name):
             raise BadValue(where, "name", "must be 1 to 40 letters, digits, spaces, or any of _ . -")
         if not self.min_kpa <= 0 <= self.max_kpa or not self.min_kpa < self.max_kpa:
-            raise BadValue(where, "min_kpa", "and 'max_kpa' must enclose 0 kPa, the lower one first", "swap the two?")
+            raise BadValue(where, "min_kpa", "and 'max_kpa' must enclose 0 kPa", "give the lower one first")
         check_ranges(self, where)
 
     @property

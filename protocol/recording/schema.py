@@ -368,7 +368,7 @@ def layout_version(path: Path) -> int:
     if not head:
         raise RecordingError(f"{path} is empty (0 bytes)", "Nothing was recorded in it.")
     if len(head) < _HEADER.size or not head.startswith(b"SQLite format 3\0"):
-        raise RecordingError(f"{path} is not a recording", f"Choose a recording of boat-daq ({SUFFIX}).")
+        raise RecordingError(f"{path} is not a boat-daq recording, or the copy is incomplete", "Copy the file again.")
     _, version, application = _HEADER.unpack(head)
     if application != APPLICATION_ID or version < 1:
         raise RecordingError(f"{path} is a database of another program, not a recording")

@@ -227,8 +227,9 @@ def open_error(port: str, error: Exception) -> DeviceError:
     if number in {errno.ENOENT, errno.ENODEV, errno.ENXIO} or "filenotfound" in text:
         if address := re.search(r"(?<!/dev/)\b[\w.-]+:\d+$", port):
             return DeviceError(f"there is no port {port}", f"Write an address as socket://{address[0]}.")
-        present = ", ".join(p.port for p in list_ports()) or "none"
-        return DeviceError(f"there is no port {port}", f"Ports present: {present}")
+        present = ", ".join(p.port for p in list_ports())
+        remedy = f"Choose one that is present: {present}." if present else "Plug in the board; no port is present."
+        return DeviceError(f"there is no port {port}", remedy)
     if number in {errno.ENOTTY, errno.EINVAL, errno.EISDIR}:
         return DeviceError(f"{port} is not a serial port", "Choose a port of the list.", command="boat-daq ports")
     reason = getattr(error, "strerror", None) or str(error) or type(error).__name__

@@ -15,7 +15,7 @@ from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live.camera import CameraModel, CameraView
 
-HELP = "A camera that sees two printed marks, on base and tip, reads every plateau. Correct a reading in the table."
+HELP = "Reads two printed marks at every plateau."
 WARNING_LINES = 3  # in the narrowest pane
 MARK_TIP = "Side of the marks' black square; 0 takes the scale from the millimetre grid in the picture"
 SOURCE_TIP = "Number of the camera (0 is the first), or the http:// or rtsp:// address of one on this computer"

@@ -358,7 +358,7 @@ class ReadingsTable(QWidget):
         self.readings, self.services = readings, services
         self.model = ReadingsTableModel(readings, services.notices)
         self.view = ReadingsView(self.model)
-        empty = "Each plateau is listed here. Arm and start a plan to begin."
+        empty = "Each plateau is listed here. Arm, then start."
         self.empty = controls.label(empty, "muted", wrap=True)
         self.empty.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.count = controls.label("", "small")

@@ -112,7 +112,7 @@ class ShadowLive:
     @property
     def error_mm(self) -> float:
         """Return the greatest error of a tracked point over the held-out states of the table; NaN while it loads."""
-        return math.nan if self.model is None else float(self.model.table.errors_mm[-1])
+        return math.nan if (table := self._nominal_table) is None else float(table.errors_mm[-1])
 
     def poll(self) -> None:
         if self._wanted and not self._begun and not any(map(self._jobs.get, COMPILING)):

@@ -398,8 +398,8 @@ class OpticsModel:
         if s.paper >= 0:
             lines.append(f"Paper's rank: {s.rank_text or s.ranks[s.paper]}")
         if s.fans > 1:
-            lines.append(f"{count(s.winners, 'design')} best in one of {s.fans} turns of the fan")
-        return "\n".join([*lines, *([s.error_text] if s.error_text else [])])
+            lines.append(f"{count(s.winners, 'design')} best in at least one of {s.fans} turns of the fan")
+        return "\n".join([*lines, *([sentence(s.error_text).removesuffix(".")] if s.error_text else [])])
 
     def pick(self, cavities: int, width_mm: float, column: float, row: float) -> None:
         """Show the design of a cell of a map; the maps are of cavities in the outer face."""

@@ -87,7 +87,8 @@ def test_a_missing_port_names_those_present():
     with pytest.raises(DeviceError, match="no port /dev/ttyNOWHERE") as refusal:
         open_transport("/dev/ttyNOWHERE")
     present = [port.port for port in list_ports()]
-    assert refusal.value.remedy == f"Ports present: {', '.join(present) or 'none'}"
+    assert all(port in refusal.value.remedy for port in present)
+    assert ("no port is present" in refusal.value.remedy) is (not present)
 
 
 @pytest.mark.parametrize("port", ["localhost:7000", "tcp://localhost:7000"])

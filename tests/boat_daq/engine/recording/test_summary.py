@@ -122,7 +122,7 @@ def test_what_is_no_recording_is_refused(tmp_path):
     with pytest.raises(RecordingError, match="no file"):
         summarise(tmp_path / "none.boat")
     (tmp_path / "text.boat").write_text("hello")
-    with pytest.raises(RecordingError, match="not a recording"):
+    with pytest.raises(RecordingError, match="not a boat-daq recording"):
         summarise(tmp_path / "text.boat")
 
 

@@ -129,7 +129,7 @@ def test_page_answers_which_design_is_best_and_how_sure_that_is(page):
     page.details_button.click()
     assert page.ranks.isVisible()
     assert "5 (3 to 6)" in page.ranks.text()
-    assert "2 designs best in one of 7 turns" in page.ranks.text()
+    assert "2 designs best in at least one of 7 turns" in page.ranks.text()
     page.best_button.click()
     assert page.model.values == (7, 0.7, 0.6, 1.0)
     page.model.show_place(5)
@@ -278,7 +278,7 @@ def test_answers_state_their_errors_and_rays(page):
     page.sweep_button.click()
     FakeJob.made[-1].bring(dataclasses.replace(swept(), error_text="counts of 250 rays within 7.8"))
     update(page)
-    assert "counts of 250 rays within 7.8" in page.ranks.text()
+    assert "Counts of 250 rays within 7.8" in page.ranks.text()
 
 
 def test_design_before_is_shown_faded_until_the_new_one_is_traced(page):

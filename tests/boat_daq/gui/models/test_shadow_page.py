@@ -52,16 +52,15 @@ def test_alarm_row_has_cause_time_and_probability(page):
 
 
 def test_nominal_curve_is_drawn_with_its_band(page, app_model):  # noqa: F811 - the fixture above
-    """Once the model is loaded, with the error of its table."""
+    """Once the table is loaded, before the model is, with the error of the table; it was given as nan."""
     shadow, pressure = app_model.shadow, np.linspace(-40.0, 50.0, 5)
     assert page.nominal.readout.text() == "preparing the shadow \u2026"
-    shadow.model = SimpleNamespace(table=SimpleNamespace(errors_mm=np.array([8e-5])))
+    shadow._table = SimpleNamespace(errors_mm=np.array([8e-5]))
     shadow.nominal_curve = lambda: (pressure, 0.08 * pressure, 0.08 * pressure - 1.0, 0.08 * pressure + 1.0)
     page.nominal.show_model(shadow)
     assert page.nominal.nominal.y[-1] == pytest.approx(4.0)
     assert page.nominal.band.y[-1] == pytest.approx(5.0)
     assert page.nominal.readout.text().endswith("numerical error 0.08 \u00b5m")
-    shadow.model = None  # it draws no actuator
 
 
 def test_each_figure_of_the_cycles_can_be_drawn(page):

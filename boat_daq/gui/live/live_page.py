@@ -254,9 +254,10 @@ class LivePage(QWidget):
         for part in self.figure_rows:
             self.figure_line.setAlignment(part, Qt.AlignmentFlag.AlignLeft)
         windows = [("all" if math.isinf(s) else formatting.span(s), s) for s in WINDOWS_S]
-        self.window_choice = controls.choice("Time shown", windows, self.model.set_window)
+        self.window_choice = controls.choice("Time shown", windows, self.model.set_window, tip="Time shown")
+        self.show_ = controls.label("Show", "muted")
         self.freeze = controls.button("Freeze plot", self.model.toggle_freeze, tip="Recording continues (Space)")
-        for widget in (self.freeze, controls.label("Show", "muted"), self.window_choice):
+        for widget in (self.freeze, self.show_, self.window_choice):
             self.plots.bar.insertWidget(self.plots.bar.count() - 1, widget)
         frame, self.head_card = controls.card(controls.row(self.figure_line, None))
         frame.setMinimumWidth(1)  # else figures too large for a new width would push the pane aside
@@ -480,6 +481,7 @@ class LivePage(QWidget):
         """Fit values and pane to the size of the window."""
         width = self.window().width()
         self.narrow = width < style.NARROW_BELOW
+        self.show_.setVisible(not self.narrow)  # else the age of the last data was cut
         low = self.low = self.window().height() < style.LOW_BELOW
         margin = style.STEP if low else style.PAGE_MARGIN
         self.page.setContentsMargins(margin, margin, margin, margin)

@@ -39,6 +39,11 @@ def test_enlarged_screen_shows_what_matters(make, qtbot, size, theme):
         assert widget.isVisible()
         assert window.rect().contains(corner), widget.accessibleName()
     assert window.live.figures["kpa"].note.text() == "→ +30.0"
+    window.strip.messages.click()
+    QTest.qWait(50)
+    assert window.scrolls["Measure"].verticalScrollBar().maximum() == 0  # Stop and the question were off the screen
+    window.strip.close_details()
+    QTest.qWait(50)
     rows = window.live.plots.rows
     assert [plot.title for plot in rows] == ["Sensor 1", "Pressure"]
     assert sum(plot.item.getViewBox().height() for plot in rows) >= 140  # the data alone, under title and controls

@@ -6,6 +6,7 @@ a table becomes a block with a line for each cell, and drawings shrink: nothing 
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,17 @@ from markupsafe import Markup
 
 from analysis import figure_style as style
 from analysis.progress import Progress
-from analysis.reports.document import Report, ReportDrawing, ReportTable, SectionPart, aligned, right_aligned, typeset
+from analysis.reports.document import (
+    DIGIT_SPACE,
+    POINT_SPACE,
+    Report,
+    ReportDrawing,
+    ReportTable,
+    SectionPart,
+    aligned,
+    right_aligned,
+    typeset,
+)
 from analysis.reports.drawings import as_svg
 from protocol.base.whole_file import write_whole
 
@@ -41,8 +52,17 @@ def render_html(report: Report, progress: Progress | None = None) -> str:
         sections.append({"title": section.title, "parts": [_part(part) for part in section.parts]})
         if progress is not None:
             progress(number, len(report.sections))
+    environment.filters["padded"] = _padded
     template = environment.get_template("report.html.j2")
     return template.render(report=report, verdict=typeset(report.verdict), sections=sections, style=style)
+
+
+def _padded(cell: str) -> Markup:
+    """Return a cell with its spaces for alignment apart: a narrow screen stacks the cells and leaves them out."""
+    return Markup("").join(
+        Markup('<span class="pad">{}</span>').format(text) if text.isspace() else text
+        for text in re.split(f"([{DIGIT_SPACE}{POINT_SPACE}]+)", cell)
+    )
 
 
 def _panel(svg: str, described: str) -> Markup:

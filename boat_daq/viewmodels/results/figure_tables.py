@@ -50,7 +50,7 @@ def figure_text(
         lines.append(f"{stated.conformity.label}: {stated.text}")
     if math.isfinite(figure.low) and math.isfinite(figure.high):
         low, value, high = (number(each, decimals) for each in (figure.low, figure.value, figure.high))
-        if not brief or value in (low, high):
+        if not brief or (value in (low, high) and low != high):
             text += f"\n{low} to {high}"
         lines.append(f"95 % confidence interval: {low} to {high} {unit or figure.unit}")
     if figure.n:

@@ -58,7 +58,7 @@ class LoopSet:
     def actuator_opened(self, cycles: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return loading minus unloading of the elongation over pressure of cycles, % of its span; empty without."""
         mm = self.elongation_mm
-        if mm is None or not np.isfinite(mm).any():
+        if mm is None or not np.isfinite(mm[1] - mm[0]).any():
             return np.zeros(0), np.zeros(0)
         span = float(np.nanmax(mm) - np.nanmin(mm)) or math.nan
         return _lines(self.pressure_kpa[:, cycles].mean(axis=0), 100.0 * (mm[1] - mm[0])[cycles] / span)

@@ -25,7 +25,7 @@ from boat_daq.engine.recording.summary import is_simulated
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.formatting import count, number, plain_number
-from boat_daq.viewmodels.common.notices import Notices
+from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.services import Change, UndoHistory
 from boat_daq.viewmodels.results.metadata import MetadataModel
 from boat_daq.viewmodels.results.run_entry import MOST_COMPARED, RunEntry, read_run, sort_key
@@ -218,7 +218,18 @@ class RunsModel:
         """Analyse two to four recordings in the background, to compare their curves."""
         if not 2 <= len(paths) <= MOST_COMPARED:
             raise RequestError(f"{count(len(paths), 'recording')} chosen to compare", "Choose two to four lines.")
-        self.start("compare", Job("Comparing", compare_runs, paths), self.show_comparison)
+        self.start("compare", Job("Comparing", compare_runs, paths), self.take_comparison)
+
+    def take_comparison(self, compared: tuple[RunResult, ...]) -> None:
+        """Show the runs that have a curve, and name the others."""
+        bare = [Path(run.path).name for run in compared if not run.calibrated]
+        enough = len(compared) - len(bare) >= 2
+        self.show_comparison(compared if enough else ())
+        lack = f"{' and '.join(bare)} {'has' if len(bare) == 1 else 'have'} no calibration curve"
+        if bare and enough:
+            self._notices.inform(f"left out: {lack}")
+        elif bare:
+            self._notices.add(Severity.WARNING, f"nothing to compare: {lack}", "Choose two runs with readings.")
 
     def show_comparison(self, comparison: tuple[RunResult, ...] = ()) -> None:
         self.comparison = comparison
@@ -232,7 +243,7 @@ class RunsModel:
         """Return for each sensor every run's curve less the first run's, over its range, and a legend."""
         runs = [run for run in self.comparison if run.calibrated]
         if len(runs) < 2:
-            return [], "fewer than two of these runs have a calibration" if self.comparison else ""
+            return [], ""
         lines = []
         for i in range(max(len(run.sensors) for run in runs)):
             fits = [run.sensors[i].fit if i < len(run.sensors) else None for run in runs]

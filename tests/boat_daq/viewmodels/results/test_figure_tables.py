@@ -18,6 +18,7 @@ def test_figure_text_has_value_interval_and_conformity():
     assert figure_text(figure, 1, brief=True) == ("39.3", tip)
     bound = Figure(0.0, "% FSO", 5, 0.0, 4.15)  # the value alone would claim that there is none
     assert figure_text(bound, 2, brief=True)[0] == "0.00\n0.00 to 4.15"
+    assert figure_text(Figure(44.7, "dB", 5, 44.69, 44.71), 1, brief=True)[0] == "44.7"
     noise = Figure(44.0, "dB", 5, 43.5, 44.5)
     sensor = SimpleNamespace(calibration=object(), name="s1", figures={"snr_db": noise})
     (stated,) = against_published(sensor)

@@ -125,6 +125,16 @@ def test_run_compared_with_itself_has_no_difference(recording, tmp_path):
     assert len(lines) == 2
     assert np.abs(lines[0][1][1]).max() < 1e-6
     assert words == "1: SA1   2: SA1"
+    first, second = model.comparison
+    bare = Mock(path="/x/bare.boat", calibrated=False)
+    notices = Mock()
+    model._notices = notices
+    model.take_comparison((first, second, bare))
+    assert model.comparison == (first, second, bare)
+    notices.inform.assert_called_once_with("left out: bare.boat has no calibration curve")
+    model.take_comparison((first, bare))  # it ended without a word
+    assert model.comparison == ()
+    assert notices.add.call_args.args[1] == "nothing to compare: bare.boat has no calibration curve"
     model.close()
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from PySide6.QtCore import Qt, QTimerEvent
 from PySide6.QtWidgets import QWidget
@@ -54,7 +56,8 @@ class NominalCard(PlotCard):
             self.plot.fit()
         self.trace.set(*model.trace())
         head = "- - model with its band   — measured, last minute"
-        self.readout.setText(f"{head}   numerical error {1e3 * model.error_mm:.1g} \u00b5m")
+        known = math.isfinite(model.error_mm)  # once the mesh is prepared
+        self.readout.setText(f"{head}   numerical error {1e3 * model.error_mm:.1g} \u00b5m" if known else head)
 
 
 class CyclesCard(PlotCard):

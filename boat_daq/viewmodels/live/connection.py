@@ -82,7 +82,7 @@ def short_port(port: str) -> str:
 
 def age_s(snapshot: SessionSnapshot) -> float | None:
     """Return the age of the last data, s, where none arrive any more; None while they do, or where there were none."""
-    if snapshot.link in (LinkState.UP, LinkState.OPENING) or snapshot.health is None or snapshot.last is None:
+    if snapshot.link is LinkState.UP or snapshot.health is None or snapshot.last is None:
         return None
     return snapshot.health.silent_s
 

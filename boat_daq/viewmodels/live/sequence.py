@@ -67,7 +67,8 @@ STATE_TEXTS = {  # shape, text, buttons
 }
 AT_REST = (S.IDLE, S.ABORTED)
 _RESTING = (S.IDLE, S.ABORTED, S.FAULT, S.PAUSED)  # nothing is commanded, unless by hand
-UNKNOWN = {LinkState.LOST: "Link lost, pressure unknown", LinkState.SILENT: "No data, pressure unknown"}
+_LOST = "Link lost, pressure unknown"
+UNKNOWN = {LinkState.LOST: _LOST, LinkState.OPENING: _LOST, LinkState.SILENT: "No data, pressure unknown"}
 REACHED_MM = 0.01  # of the shaped setpoint from the target
 HELD = (S.ARMED, S.RUNNING, S.PAUSED, S.FINISHING)  # the session has a plan
 PHASE_WORDS = {
@@ -375,14 +376,19 @@ def holding_text(snapshot: SessionSnapshot, units: ShownUnits = STORED_UNITS) ->
     return f"{'Not at' if snapshot.pressure_off else 'Holding' if there else 'Moving to'} {goal}"
 
 
+def _is_unknown(snapshot: SessionSnapshot) -> bool:
+    """Return whether a link that gave samples gives none; one that opens again is still lost."""
+    return snapshot.link in UNKNOWN and (snapshot.link is not LinkState.OPENING or snapshot.last is not None)
+
+
 def state_text(snapshot: SessionSnapshot, units: ShownUnits = STORED_UNITS) -> str:
     """Return the run's state with its shape, e.g. `Running`, as far as it is known."""
     shape, text, _ = STATE_TEXTS[snapshot.state]
-    if snapshot.link in UNKNOWN:
+    if _is_unknown(snapshot):
         return f"\u25a0 {UNKNOWN[snapshot.link]}"
     if held := holding_text(snapshot, units):
         return ("\u25b2 " if snapshot.pressure_off else "\u25cf ") + held
-    if snapshot.last is not None and snapshot.state in _RESTING:
+    if snapshot.last is not None and snapshot.link is LinkState.UP and snapshot.state in _RESTING:
         kpa = snapshot.last.pressure_kpa  # a board that has restarted reports vented before its unit is
         if math.isnan(kpa):
             text += ", pressure unknown"
@@ -405,7 +411,7 @@ def progress_text(snapshot: SessionSnapshot, leave_out: int = 0, units: ShownUni
     """Return cycle, step and time left in a line; `leave_out` 1 leaves out the phase, 2 the step too."""
     progress = snapshot.progress
     ended = snapshot.run_ended
-    if snapshot.link in UNKNOWN:
+    if _is_unknown(snapshot):
         return _promise(snapshot)
     if snapshot.state is SessionState.FAULT and snapshot.latched:
         return snapshot.latched  # of a held pressure, too, which no run was

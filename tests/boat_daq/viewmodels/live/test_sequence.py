@@ -149,6 +149,8 @@ def test_pressure_of_a_lost_board_is_unknown():
     armed = {"last": {"flags": SampleFlag.WATCHDOG_ARMED}, "state": SessionState.FAULT}
     vents = "the board vents by its watchdog within 3 s"
     assert shown(link=LinkState.LOST, **armed) == ("\u25a0 Link lost, pressure unknown", vents)
+    assert shown(link=LinkState.OPENING, **armed) == ("\u25a0 Link lost, pressure unknown", vents)  # sought again
+    assert shown(link=LinkState.CLOSED, state=SessionState.ABORTED, last={"target_kpa": math.nan})[0].endswith("early")
     assert shown(link=LinkState.SILENT, **armed) == ("\u25a0 No data, pressure unknown", vents)
     assert shown(link=LinkState.LOST, speed=20.0, **armed)[1].endswith("within 5 s")
     assert "no watchdog" in shown(link=LinkState.LOST, state=SessionState.FAULT)[1]

@@ -43,7 +43,7 @@ from boat_daq.formatting import count
 from boat_daq.viewmodels.common.services import Change, UndoHistory
 from boat_daq.viewmodels.results.metadata import MetadataModel
 from protocol.base.errors import RequestError
-from protocol.base.units import MINUS
+from protocol.base.units import MINUS, NOTHING
 from protocol.base.whole_file import write_whole
 
 PROGRAM = ""  # in place of the name of a unit
@@ -151,7 +151,9 @@ class SettingsModel:
         new, old = _texts(before, after), _texts(after, before)
         if not new and self.refused is None:
             return
-        text = "the settings" if subject == PROGRAM else f"the settings of unit {subject}"
+        known, of_unit = described(type(after)), f" of unit {subject}" if subject != PROGRAM else ""
+        values = "; ".join(f"{known[key].label} {value or NOTHING}" for key, value in list(new.items())[:2])
+        text = (values or "the settings") + (f" and {len(new) - 2} more" if len(new) > 2 else "") + of_unit
         self._undo.push(Change(text, partial(self._store, subject, new), partial(self._store, subject, old)))
 
     def _store(self, subject: str, typed: Mapping[str, str]) -> None:

@@ -175,7 +175,8 @@ class CalibrationModel:
                 self.follow_change()
 
         if name != self.curve_shown:
-            self._services.undo.push(Change("the choice of a curve", partial(fit, name), partial(fit, before)))
+            text = f"curve {next(text for text, of in CURVE_CHOICES if of == name)}"
+            self._services.undo.push(Change(text, partial(fit, name), partial(fit, before)))
 
     def show_units(self, units: ShownUnits) -> None:
         self.shown_units = units
@@ -457,7 +458,8 @@ class CalibrationModel:
         if self.last_path is not None and not self.last_path.exists():  # the calibration could never be verified
             raise RequestError(f"{self.last_path} is gone", "Put the recording back, or analyse another one.")
         record = accepted_record(self.result, self._sampler())
-        self._services.undo.push(Change("acceptance", *self._acceptance(self.result, record)))
+        text = f"acceptance of {record.unit} by {Path(self.result.path).name}"
+        self._services.undo.push(Change(text, *self._acceptance(self.result, record)))
 
     def _acceptance(self, result: RunResult, record: CalibrationRecord) -> tuple[Action, Action]:
         """Return acceptance and its reversal; both only add to the unit's history."""

@@ -161,7 +161,8 @@ class RunsModel:
         target = path.with_name(f"{name.strip().removesuffix(SUFFIX)}{SUFFIX}")
         if target != path:
             move = self._move
-            self._undo.push(Change("renaming", lambda: move(path, target.name), lambda: move(target, path.name)))
+            text = f"{path.name} renamed {target.name}"
+            self._undo.push(Change(text, lambda: move(path, target.name), lambda: move(target, path.name)))
 
     def _move(self, path: Path, name: str) -> None:
         target = rename(path, name)
@@ -173,7 +174,8 @@ class RunsModel:
         before = run.note
         if text != before:
             add = self._add_note
-            self._undo.push(Change("note", lambda: add(run.path, text), lambda: add(run.path, before)))
+            what = f"note on {run.path.name}"
+            self._undo.push(Change(what, lambda: add(run.path, text), lambda: add(run.path, before)))
 
     def mark(self, run: RunEntry, text: str) -> None:
         """Add a marker to a closed recording: its time from the first sample, s, then what happened."""

@@ -35,6 +35,7 @@ def test_values_are_stored_used_and_undone(model, tmp_path):
     assert load_settings(tmp_path).rate_hz == model._session.settings.rate_hz == 1000
     model.reset(PROGRAM)
     assert model.shown(PROGRAM).texts["rate_hz"] == "100"
+    assert [change.text for change in model._undo.done] == ["Sampling rate 1000", "Sampling rate 100"]  # of the message
     model._undo.undo()
     assert load_settings(tmp_path).rate_hz == model._session.settings.rate_hz == 1000
     model._undo.undo()

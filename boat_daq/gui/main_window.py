@@ -295,6 +295,8 @@ class MainWindow(QMainWindow):
             self.strip.close_details()
         elif self.page is Page.MEASURE and self.live.marker.isVisible():
             self.live.close_marker()
+        elif self.page is Page.MEASURE and self.live.overlaid:
+            self.live.toggle_overlay()
         elif focus is not None and not self.stack.isAncestorOf(focus):
             focus.clearFocus()  # of the menu bar, too, which keeps the keyboard after its menu was closed
         elif isinstance(focus, QLineEdit) and focus.isUndoAvailable():

@@ -82,7 +82,7 @@ class Registry:
         keys = QKeySequence(command.shortcut)
         shown = keys.toString(QKeySequence.SequenceFormat.NativeText)
         action = QAction("\t".join(filter(None, (command.text, shown))), self._window)
-        action.triggered.connect(lambda *_: self.run(command))
+        action.triggered.connect(lambda *_: self._chosen(command))
         menu = self._menus.get(command.menu)
         if menu is not None:
             if command.apart:
@@ -92,6 +92,12 @@ class Registry:
             shortcut = QShortcut(keys, self._window, context=Qt.ShortcutContext.ApplicationShortcut)
             shortcut.activated.connect(lambda: self._pressed(command))
         self.actions[command] = action
+
+    def _chosen(self, command: Command) -> None:
+        """Run a command of a menu; the menu bar keeps the keyboard where nothing had it before."""
+        if self._window.menuBar().hasFocus():
+            self._window.menuBar().clearFocus()
+        self.run(command)
 
     def _pressed(self, command: Command) -> None:
         """Close a popup that is open over the window (palette, menu, list) and take what is typed, then run it."""

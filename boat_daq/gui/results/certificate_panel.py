@@ -59,6 +59,7 @@ class CertificatePanel(FormDialog):
         self.setLayout(controls.column((shown, 1), buttons, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
         screen = self.screen().availableSize()
         self.resize(min(style.CERTIFICATE_WIDTH, screen.width()), int(PAGE_SCALE * screen.height()))
+        next(iter(fields.values()), self.update_button).setFocus()
         services.notices.attempt(model.show)
         self._follow()
         self.startTimer(_REFRESH_MS)

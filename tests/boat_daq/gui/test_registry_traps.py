@@ -9,9 +9,11 @@ import pytest
 from PySide6.QtCore import QEvent, QObject, QPoint, QRect, Qt
 from PySide6.QtGui import QGuiApplication, QKeySequence
 from PySide6.QtTest import QTest
-from PySide6.QtWidgets import QApplication, QDialog, QPushButton
+from PySide6.QtWidgets import QApplication, QDialog, QPushButton, QTableView
 
+from boat_daq.engine.plan import StepMark
 from boat_daq.engine.snapshot import SessionState
+from boat_daq.gui.widgets.text_dialog import TextDialog
 from boat_daq.viewmodels.common.services import PLACES, Page, Panel
 from boat_daq.workflows import jobs
 from tests.boat_daq.gui.windows import PATIENCE_MS, RAMPING, choose, run_command
@@ -66,6 +68,7 @@ def close_all(window):
         dialog.close()
     window.live.close_marker()
     window.strip.close_details()
+    window.live.overlaid = False
     if window.isFullScreen():
         window.toggle_full_screen()
     window.activateWindow()
@@ -113,8 +116,6 @@ def test_no_key_commands_the_board_but_the_documented_one(front, state, everywhe
         after = "" if key in (Key.Key_Tab, Key.Key_Backtab) else press_space(front)
         if commanded != documented.get(key, []) or calls or after:
             wrong.append((page, key.name, clicked, commanded, list(calls), after))
-        if front.live.overlaid:
-            front.live.toggle_overlay()
         close_all(front)
     assert wrong == []
 
@@ -211,6 +212,15 @@ def test_space_presses_the_focused_button_of_other_pages_and_does_nothing_else(f
     assert pressed >= 8
 
 
+def complete(window):
+    """Type into the field of the port until its list of completions is open."""
+    window.show_place(Panel.CONNECT)
+    port = window.connect_panel.port
+    port.addItem("port 1")
+    port.lineEdit().setFocus()
+    QTest.keyClicks(port.lineEdit(), "po")
+
+
 OPENED = {
     "menu": lambda window: window.menuBar().actions()[0].menu().popup(window.mapToGlobal(QPoint(5, 20))),
     "menu by key": lambda window: press(window, Key.Key_S, Qt.KeyboardModifier.AltModifier),
@@ -221,6 +231,15 @@ OPENED = {
     "photograph": lambda window: window.live.open_photograph(),
     "marker": lambda window: window.live.ask_marker(),
     "messages": lambda window: window.strip.messages.click(),
+}
+ALSO = {
+    "overlay": lambda window: run_command(window, "Overlay the last cycles"),
+    "menu of a plot": lambda window: window.live.plots.view.customContextMenuRequested.emit(QPoint(200, 60)),
+    "menu of a table": lambda window: window.live.show_readings().view.customContextMenuRequested.emit(QPoint(9, 9)),
+    "cell": lambda window: window.live.table.view.edit(window.live.show_readings().model.index(0, 3)),
+    "tutorial": lambda window: window.show_tutorial(),
+    "text": lambda window: TextDialog(window, "Note", "Note on it.", "", "Save", bool),
+    "completions": complete,
 }
 DIALOGS = {
     "segments": lambda window: window.show_place(Panel.SEGMENTS),
@@ -261,8 +280,9 @@ def escapes(window, qtbot, name) -> list[tuple[bool, bool]]:
 def test_escape_vents_only_with_nothing_open_and_the_focus_on_the_page(front, qtbot):
     """Nobody closes a menu to stop a pump, nor presses Esc twice to do so: both ended runs."""
     run(front)
+    front.model.session.marks = (StepMark(1, 1, "unloading", 20.0, 10.0, 0),)  # a line of the table of readings
     wrong = {}
-    for name in (*OPENED, *DIALOGS):
+    for name in (*OPENED, *DIALOGS, *ALSO):
         open_(front, qtbot, name)
         seen = escapes(front, qtbot, name)
         if any(alone is not vented for alone, vented in seen) or seen[0][1] or not seen[-1][1]:
@@ -340,6 +360,14 @@ def test_vent_key_and_button_vent_whatever_is_open(front, qtbot):
         to_front(front, qtbot)
 
 
+def test_menu_gives_the_keyboard_back_where_nothing_had_it(front):
+    """The menu bar kept it behind the dialog that was opened: after it letters opened menus."""
+    press(front, Key.Key_V, Qt.KeyboardModifier.AltModifier)
+    press(front, Key.Key_Return)
+    assert (QApplication.activePopupWidget(), front.model.live.following) == (None, False)
+    assert QApplication.focusWidget() is None
+
+
 def test_escape_vents_after_a_command_of_the_palette(front, qtbot):
     """In a run without readings its hidden field kept the keyboard, and the first Esc vented nothing."""
     front.model.session.change(state=SessionState.RUNNING, progress=RAMPING)
@@ -366,9 +394,9 @@ def test_what_is_typed_counts_for_the_next_command(front):
 
 def open_(window, qtbot, name):
     """Open something, and wait until it has the keyboard."""
-    (OPENED | DIALOGS)[name](window)
+    (OPENED | DIALOGS | ALSO)[name](window)
     qtbot.waitUntil(lambda: is_open(window), timeout=PATIENCE_MS)
-    if name not in ("marker", "messages"):
+    if name not in ("marker", "messages", "overlay", "cell"):
         main = window.windowHandle()
         qtbot.waitUntil(lambda: QGuiApplication.focusWindow() not in (None, main), timeout=PATIENCE_MS)
 
@@ -382,7 +410,8 @@ def to_front(window, qtbot):
 def is_open(window):
     """Return whether a menu, a list, a panel or the marker's field is open."""
     dialogs = any(dialog.isVisible() for dialog in window.findChildren(QDialog))
-    shown = window.live.marker.isVisible() or window.strip.is_open()
+    editing = window.live.table.view.state() is QTableView.State.EditingState
+    shown = window.live.marker.isVisible() or window.strip.is_open() or window.live.overlaid or editing
     return QApplication.activePopupWidget() is not None or dialogs or shown
 
 

@@ -74,6 +74,7 @@ def test_certificate_requests_what_is_missing_once_and_shows_its_pages(live, run
     assert len(pages) == 2
     assert all(page.height() >= page.pixmap().deviceIndependentSize().height() for page in pages)  # whole, none cut
     assert first.write.isEnabled()
+    assert first.focusWidget() is first.laboratory["name"]
     first.laboratory["name"].setText("Lab")
     first.laboratory["country_code"].setText("de")
     first.update_button.click()

@@ -138,7 +138,7 @@ class SettingsPage(ReflowingPage):
         self.leaves = Leaves(*self.forms.values())
         self.list = self.first = QListWidget()
         self.list.setAccessibleName("Program and units")
-        self.list.setMinimumHeight(4 * style.CONTROL_HEIGHT)
+        self.list.setMinimumHeight(2 * style.CONTROL_HEIGHT)
         self.list.currentItemChanged.connect(lambda item, _: self._choose(item))
         self.name = controls.field("Name of a new unit", on_enter=self._add, placeholder="New unit")
         self.add = controls.button("Add", self._add, name="Add a unit")
@@ -172,9 +172,10 @@ class SettingsPage(ReflowingPage):
         self.reflow()
 
     def reflow(self) -> None:
-        """Keep the list narrow beside the values, and low above them."""
+        """Keep the list narrow beside the values, and above them no higher than its lines."""
         super().reflow()
-        self.list.setMaximumHeight(4 * style.CONTROL_HEIGHT if self.narrow else _NO_LIMIT)
+        lines = self.list.count() * self.list.sizeHintForRow(0) + 2 * self.list.frameWidth()
+        self.list.setMaximumHeight(min(lines, 4 * style.CONTROL_HEIGHT) if self.narrow else _NO_LIMIT)
         self.side.setMaximumWidth(_NO_LIMIT if self.narrow else style.QUESTION_LEAST)
         self.values.setMaximumWidth(_NO_LIMIT if self.narrow else style.FORM_WIDTH + style.PANE_WIDTH_WIDE)
 
@@ -200,6 +201,7 @@ class SettingsPage(ReflowingPage):
         self.subject = self.subject if self.subject in names else PROGRAM
         self.list.setCurrentRow(names.index(self.subject))
         self.list.blockSignals(False)
+        self.reflow()
 
     def _choose(self, item: QListWidgetItem | None) -> None:
         if item is not None:

@@ -59,6 +59,7 @@ OPTIONAL = ("Readings", "Length", "Cycles")  # columns hidden in this order wher
 USUAL_NAME = "20260101-000000_SA1.boat"  # what the program names a recording
 NO_UNITS = "Accepted calibrations are listed here by unit."
 DIFFERENCE = "The curve of each run less the curve of the first one, over elongation."
+_LAID_OUT_MS = 100  # after which the page has its new height
 OVER_TIME_TIP = "Its calibrations over each other and over time, and when it is due again"
 UNIT_HEADINGS = ("Unit", "Accepted", "Sensitivity, mV/mm", "Recording")
 
@@ -412,7 +413,7 @@ class RunsPage(QWidget):
         self.compare_card.show_signals_in(self.model.comparison_unit)
         if lines:
             self._arrange_comparison(len(lines))
-            QTimer.singleShot(0, self, self._reveal)  # laid out by then
+            QTimer.singleShot(_LAID_OUT_MS, self, self._reveal)
         self.compare_card.readout.setText(legend)
         for labels, curves in zip(self.numbers, lines, strict=False):
             labels.set([(*spread(x, y, i, len(curves)), str(i + 1)) for i, (x, y) in enumerate(curves) if x.size])

@@ -130,8 +130,9 @@ def test_two_runs_are_compared(runs, qtbot):
     assert abs(page.differences[0][1].y).max() < 1e-6
 
 
-def test_every_sensor_is_compared(live, monkeypatch):
-    """One plot a sensor, however many the runs before had."""
+def test_every_sensor_is_compared(live, monkeypatch, qtbot):
+    """One plot a sensor, however many the runs before had; a small page scrolls down to them."""
+    live.resize(853, 600)
     live.go("Recordings")
     page, line = live.pages["Recordings"], (np.array([0.0, 1.0]), np.array([0.0, 2.0]))
     for sensors in (4, 1, 3):
@@ -140,6 +141,9 @@ def test_every_sensor_is_compared(live, monkeypatch):
         shown = [plot.title for plot in page.compare_card.plots if plot.item in page.compare_card.view.ci.items]
         assert shown == [f"Sensor {n}" for n in range(1, sensors + 1)]
         assert [row[1].x.size for row in page.differences] == [2] * sensors + [0] * (4 - sensors)
+    page.stack.setCurrentIndex(1)
+    page._show_comparison()
+    qtbot.waitUntil(lambda: live.scrolls["Recordings"].verticalScrollBar().value() > 0, timeout=PATIENCE_MS)
 
 
 def test_page_key_focuses_the_list_with_the_newest_run_chosen(runs):

@@ -261,11 +261,12 @@ class UnitLibrary:
         return self if simulated is self.simulated else UnitLibrary(self._units, simulated=simulated)
 
     def stamp(self, name: str) -> int:
-        """Return a number that changes with the file of a unit's limits; 0 without a file."""
-        try:
-            return path_in(self._units, f"{name}.toml").stat().st_mtime_ns
-        except OSError:
-            return 0
+        """Return a number that changes with the file of a unit's limits, or of its calibrations; 0 without a file."""
+        stamps = [0]
+        for folder in (self._units, self.folder):
+            with contextlib.suppress(OSError):
+                stamps.append(path_in(folder, f"{name}.toml").stat().st_mtime_ns)
+        return max(stamps)
 
     def names(self) -> list[str]:
         folders = {self._units, self.folder}  # an older version kept simulated calibrations with the real ones

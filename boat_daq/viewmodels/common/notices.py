@@ -184,12 +184,17 @@ class SessionMessages:
         self._of_slow_disk: list[Notice] = []
         self._of_disk: list[Notice] = []  # that failed
         self._failing = False
+        self._of_control: list[Notice] = []  # that ended what was held by hand, until something is held again
+        self._commanded = False
         self._of_run: list[Notice] = []  # that ended it, until the fault is cleared or the next one begins
         self._alarms: dict[str, Notice] = {}  # of sensors and pressure, by cause
 
     def follow(self, snapshot: SessionSnapshot) -> None:
         """Add what is new; dismiss what a restored link has settled."""
-        connected = snapshot.link is LinkState.UP
+        connected, last = snapshot.link is LinkState.UP, snapshot.last
+        before, self._commanded = self._commanded, last is not None and math.isfinite(last.target_kpa)
+        if self._commanded and not before:
+            self._settle(self._of_control)
         for message in snapshot.messages:
             if message.number <= self._last:
                 continue
@@ -206,8 +211,8 @@ class SessionMessages:
                 self._of_link.append(notice)
             elif message.cause in snapshot.alarms:
                 self._alarms[message.cause] = notice
-            elif level is Severity.FAULT and snapshot.state in _ENDED:
-                self._of_run.append(notice)
+            elif level is Severity.FAULT:
+                (self._of_run if snapshot.state in _ENDED else self._of_control).append(notice)
         before, self._failing = self._failing, bool(snapshot.not_saving)
         if snapshot.recording is None or (before and not self._failing):
             self._settle(self._of_disk)

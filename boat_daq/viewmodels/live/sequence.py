@@ -70,6 +70,7 @@ _RESTING = (S.IDLE, S.ABORTED, S.FAULT, S.PAUSED)  # nothing is commanded, unles
 _LOST = "Link lost, pressure unknown"
 UNKNOWN = {LinkState.LOST: _LOST, LinkState.OPENING: _LOST, LinkState.SILENT: "No data, pressure unknown"}
 REACHED_MM = 0.01  # of the shaped setpoint from the target
+NEAR_MM = 0.15  # of the measured elongation, where its U is less
 HELD = (S.ARMED, S.RUNNING, S.PAUSED, S.FINISHING)  # the session has a plan
 PHASE_WORDS = {
     Phase.RAMPING: "ramping", Phase.SETTLING: "settling", Phase.DWELLING: "holding", Phase.VENTING: "venting",
@@ -365,15 +366,18 @@ def holding_text(snapshot: SessionSnapshot, units: ShownUnits = STORED_UNITS) ->
     last, loop = snapshot.last, snapshot.elongation
     if snapshot.state not in AT_REST or snapshot.link is not LinkState.UP or last is None:
         return ""
+    off = snapshot.pressure_off
     if loop is not None:
         there = abs(loop.setpoint_mm - loop.target_mm) < REACHED_MM
-        goal = f"{in_units(units, 'mm', loop.target_mm, 2)} at {target(last.pressure_kpa, units)}"
+        off = there and not abs(loop.elongation_mm - loop.target_mm) <= max(loop.u_mm, NEAR_MM)  # or not known
+        goal = in_units(units, "mm", loop.target_mm, 2)
+        goal += "" if off else f" at {target(last.pressure_kpa, units)}"
     elif math.isfinite(last.target_kpa):
         there = abs(last.pressure_kpa - last.target_kpa) < VENTED_KPA
         goal = target(last.target_kpa, units)
     else:
         return ""
-    return f"{'Not at' if snapshot.pressure_off else 'Holding' if there else 'Moving to'} {goal}"
+    return f"\u25b2 Not at {goal}" if off else f"\u25cf {'Holding' if there else 'Moving to'} {goal}"
 
 
 def _is_unknown(snapshot: SessionSnapshot) -> bool:
@@ -387,7 +391,7 @@ def state_text(snapshot: SessionSnapshot, units: ShownUnits = STORED_UNITS) -> s
     if _is_unknown(snapshot):
         return f"\u25a0 {UNKNOWN[snapshot.link]}"
     if held := holding_text(snapshot, units):
-        return ("\u25b2 " if snapshot.pressure_off else "\u25cf ") + held
+        return held
     if snapshot.last is not None and snapshot.link is LinkState.UP and snapshot.state in _RESTING:
         kpa = snapshot.last.pressure_kpa  # a board that has restarted reports vented before its unit is
         if math.isnan(kpa):

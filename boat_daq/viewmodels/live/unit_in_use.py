@@ -45,7 +45,7 @@ class UnitInUse:
         self.preparation: Background[Conversion] = Background("calibration")
         self.conversion: Conversion | None = None
         self._record: CalibrationRecord | None = None
-        self._followed = ("", False, 0)  # name, whether simulated, revision of the library
+        self._followed = ("", False, 0, 0)  # name, whether simulated, revision of the library, stamp of the unit's file
 
     def name(self, snapshot: SessionSnapshot) -> str:
         return snapshot.unit or self._connection.unit
@@ -70,10 +70,10 @@ class UnitInUse:
 
     def follow(self, snapshot: SessionSnapshot, revision: int) -> None:
         """Use the calibration in force of the unit on the bench, again whenever `revision` grows."""
-        name = self.name(snapshot)
-        if (name, snapshot.simulated, revision) != self._followed:
-            self._followed = (name, snapshot.simulated, revision)
-            units = self._units.of(simulated=snapshot.simulated)
+        name, units = self.name(snapshot), self._units.of(simulated=snapshot.simulated)
+        followed = (name, snapshot.simulated, revision, units.stamp(name))  # a command may accept one meanwhile
+        if followed != self._followed:
+            self._followed = followed
             self.use(None)  # first: that of another board is not shown where this one cannot be read
             self.use(newest_calibration(units, name), units)
         ready = self.preparation.take()

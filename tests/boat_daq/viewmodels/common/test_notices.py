@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from boat_daq.engine.snapshot import LinkState, Message, MessageKind, SessionSnapshot, SessionState
+import math
+
+from boat_daq.engine.snapshot import LastSample, LinkState, Message, MessageKind, SessionSnapshot, SessionState
 from boat_daq.viewmodels.common.notices import Notices, SessionMessages, Severity
 from protocol.base.errors import RequestError
+from protocol.recording import BoardState, SampleFlag
 
 
 def test_current_notice_is_the_most_severe():
@@ -70,12 +73,13 @@ def test_a_file_name_keeps_its_first_letter() -> None:
 
 
 def shown(*states):
-    """Return the current notice after each (state, messages, alarms), in turn; None where there is none."""
+    """Return the current notice after each (state, messages, alarms[, target]), in turn; None where there is none."""
     now, found = [0.0], []
     notices = Notices(lambda: now[0])
     follower = SessionMessages(notices, SessionSnapshot(SessionState.IDLE, LinkState.UP))
-    for state, messages, alarms in states:
-        follower.follow(SessionSnapshot(state, LinkState.UP, messages=messages, alarms=alarms))
+    for state, messages, alarms, *target in states:
+        last = LastSample(0.0, 0.0, target[0] if target else math.nan, (), BoardState.IDLE, SampleFlag(0))
+        follower.follow(SessionSnapshot(state, LinkState.UP, messages=messages, alarms=alarms, last=last))
         now[0] += 10.0
         found.append(notices.current() and (notices.current().severity, notices.current().cause))
     return found
@@ -89,6 +93,14 @@ def test_a_fault_of_a_run_leaves_with_the_fault_or_the_next_run():
     aborted, running = (SessionState.ABORTED, (late,), ()), (SessionState.RUNNING, (late,), ())
     failed, cleared = (SessionState.FAULT, (late, vented), ()), (SessionState.IDLE, (late, vented), ())
     assert shown(aborted, aborted, running, failed, cleared) == [notice, notice, None, fault, None]
+
+
+def test_what_ended_a_pressure_by_hand_leaves_when_one_is_held_again():
+    """ "The elongation does not follow; vented" stood beside "Holding +1.00 mm"."""
+    stopped = (Message(1, MessageKind.NOT_FOLLOWING, "error", "the elongation does not follow; vented"),)
+    idle, held = (SessionState.IDLE, stopped, ()), (SessionState.IDLE, stopped, (), 12.0)
+    notice = (Severity.FAULT, stopped[0].cause)
+    assert shown(held, held, idle, held) == [notice, notice, notice, None]  # at first its last pressure is held
 
 
 def test_an_alarm_leaves_once_it_is_over():

@@ -168,6 +168,9 @@ def test_what_is_held_without_a_run_is_named():
     """Under closed loop at +28 kPa the state was "Idle"."""
     held = ElongationControl(2.0, 2.0, 1.99, 0.07)
     assert shown(elongation=held, last={"pressure_kpa": 28.04})[0] == "\u25cf Holding +2.00 mm at +28 kPa"
+    for mm in (0.4, math.nan):  # the unit leaks, or nothing tells
+        lost = dataclasses.replace(held, elongation_mm=mm)
+        assert shown(elongation=lost, last={"pressure_kpa": 2.5})[0] == "\u25b2 Not at +2.00 mm"
     on_the_way = dataclasses.replace(held, setpoint_mm=1.2)
     assert shown(elongation=on_the_way)[0] == "\u25cf Moving to +2.00 mm at +30 kPa"
     assert shown()[0] == "\u25cf Holding +30 kPa"

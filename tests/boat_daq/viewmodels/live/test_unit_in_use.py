@@ -49,7 +49,7 @@ def test_calibration_of_the_virtual_unit_is_not_used_on_a_real_board(tmp_path, r
     assert (unit.conversion, live.inverse) == (None, None)
     assert "not calibrated" in unit.text(real)
     units.add_calibration("SA1", content | {"simulated": False})
-    unit.follow(real, 1)
+    unit.follow(real, 0)  # a command accepted it
     assert "not calibrated" not in unit.text(real)
     unit.close()
 

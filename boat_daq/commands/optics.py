@@ -311,6 +311,7 @@ def sweep(
 
     Example: boat-daq optics sweep --cavities 3,5,7 --rays 250 --out sweep
     """
+    begun = time.perf_counter()
     if tolerance is not None and (rays, fidelity, confidence) != (None, None, None):
         raise typer.BadParameter("chooses the rays: omit --rays, --fidelity and --confidence", param_hint="--tolerance")
     if seconds is not None and confidence is None:
@@ -341,7 +342,7 @@ def sweep(
         within = math.inf if seconds is None else seconds
         _race(request, confidence, most, within, out, scheduler, allow_remote=allow_remote, as_json=as_json)
     else:
-        _sweep(request, out, scheduler, allow_remote=allow_remote, as_json=as_json)
+        _sweep(request, begun, out, scheduler, allow_remote=allow_remote, as_json=as_json)
 
 
 def _grid(cavities: str, scene: OpticalScene) -> tuple[Design, ...]:
@@ -356,10 +357,12 @@ def _grid(cavities: str, scene: OpticalScene) -> tuple[Design, ...]:
 
 
 def _sweep(
-    request: SweepRequest, out: Path | None, scheduler: str | None, *, allow_remote: bool, as_json: bool
+    request: SweepRequest, begun: float, out: Path | None, scheduler: str | None, *, allow_remote: bool, as_json: bool
 ) -> None:
-    """Run a sweep, write its files and print its result; parameters are those of the command."""
-    begun = time.perf_counter()
+    """Run a sweep, write its files and print its result; other parameters are those of the command.
+
+    begun : when the command began, before its imports and compilation.
+    """
     from analysis.optics.sweep.fans import compare_fans, fans_of
     from analysis.optics.sweep.report import sweep_json, sweep_text, write_sweep
     from analysis.optics.sweep.sweep import FILE_NAME, run_sweep

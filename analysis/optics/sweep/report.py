@@ -368,7 +368,7 @@ def sweep_text(result: SweepResult, fans: FanResult | None = None, seconds: floa
             f"by the scatter of the rays, tolerance {RANKS_ALIKE:g}): use --confidence 0.95, or --fidelity normal"
         )
     if seconds is not None:
-        lines.append(f"{len(found.p) * result.ndr.size} simulations with all turns, and pictures, in {seconds:.1f} s")
+        lines.append(f"{len(found.p) * result.ndr.size} simulations with all turns, in {seconds:.1f} s in all")
     return "\n".join(lines)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import time
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from typer.testing import CliRunner
 
 from analysis.fidelity import Level
 from boat_daq.cli import app
+from boat_daq.commands import optics
 from boat_daq.commands.optics import released_rays
 from tests.boat_daq.commands.calls import call, exit_code, refusal, shown_progress
 
@@ -116,6 +118,16 @@ def test_scene_writes_version_5(tmp_path: Path) -> None:
     every, none = (call("optics", "scene", "--secondary", budget) for budget in ("-1", "0"))
     assert every["version"] == 5
     assert ('partialReflect": true' in json.dumps(every), 'partialReflect": true' in json.dumps(none)) == (True, False)
+
+
+def test_seconds_of_a_sweep_begin_before_its_imports(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is loaded and compiled for it is part of its time."""
+    at: list[float] = []
+    monkeypatch.setattr(optics, "load", lambda *names: at.append(time.perf_counter()))
+    monkeypatch.setattr(optics, "_sweep", lambda request, begun, *rest, **options: at.append(begun))
+    assert exit_code("optics", "sweep", "--cavities", "3") == 0
+    loaded, begun = at
+    assert begun < loaded
 
 
 @pytest.mark.nightly

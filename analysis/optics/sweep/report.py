@@ -365,7 +365,8 @@ def sweep_text(result: SweepResult, fans: FanResult | None = None, seconds: floa
     if spread.rank_error > RANKS_ALIKE:
         lines.append(
             f"{result.request.light.rays} rays cannot rank these designs (1 - rank correlation {spread.rank_error:.2g} "
-            f"by the scatter of the rays, tolerance {RANKS_ALIKE:g}): use --confidence 0.95, or --fidelity normal"
+            f"or more, by the scatter of the rays; tolerance {RANKS_ALIKE:g}): use --confidence 0.95, "
+            "or --fidelity normal"
         )
     if seconds is not None:
         lines.append(f"{len(found.p) * result.ndr.size} simulations with all turns, in {seconds:.1f} s in all")

@@ -417,7 +417,7 @@ class OpticsPage(ReflowingPage):
 
 def labelled(fields: Iterable[tuple[str, QWidget]]) -> QGridLayout:
     """Return fields side by side, each below its name."""
-    grid = QGridLayout()
+    grid = controls.grid()
     grid.setVerticalSpacing(0)
     for k, (name, field) in enumerate(fields):
         grid.addWidget(controls.label(name, "small"), 0, k)

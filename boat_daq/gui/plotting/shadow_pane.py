@@ -216,6 +216,7 @@ class ShadowPane(QWidget):
         self.colour = controls.label("Colour", "muted")
         head = controls.row(self.colour, self.quantity, None, self._menu_button())
         self.rows = controls.inside(grid)
+        self.rows.setMaximumWidth(style.PANE_WIDTH_WIDE)  # a value beside its name
         frame, _ = controls.card(head, (self.view, 1), self.rows)
         self.setLayout(controls.column(frame, margins=(0, style.GAP, 0, 0)))
         self._choose(model.quantity)

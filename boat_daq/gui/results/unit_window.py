@@ -64,6 +64,7 @@ class UnitWindow(QDialog):
         self.table = DataTable(
             "Calibrations of the unit", history_headings(like.theme.units), stretched=FINDING, right=(2, 3, 4)
         )
+        self.table.setMinimumHeight(3 * style.CONTROL_HEIGHT)
         self.save = controls.button("Report \u2026", self._report, tip="Save it as PDF or HTML")
         self.save.setEnabled(False)
         buttons = controls.row(controls.button("Close", self.close), None, self.save)

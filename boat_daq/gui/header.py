@@ -272,7 +272,7 @@ class Strip(QWidget):
         self.close_ = controls.button("Dismiss", self.dismiss, "link", name="Dismiss message")
         self.behind = controls.label("", "small")
         self.work = controls.label("", "muted", elide=True, least=style.VENT_WIDTH)
-        self.bar = QProgressBar(format="%p %")
+        self.bar = QProgressBar(textVisible=False)
         self.bar.setAccessibleName("Progress")
         self.cancel = controls.button("Cancel", self.cancel_job, name="Cancel task")
         self.details = QPlainTextEdit(readOnly=True)

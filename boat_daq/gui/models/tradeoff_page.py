@@ -193,7 +193,7 @@ class TradeoffPage(ReflowingPage):
         self.first = self.level = controls.choice("Precision of the program", levels, self.precision.choose, tip=tip)
         toggle = partial(self.services.notices.attempt, self.model.toggle)
         self.start = controls.button(MEASURE, toggle, "primary", tip=MEASURE_TIP)
-        self.progress = QProgressBar(format="%p %")
+        self.progress = QProgressBar(textVisible=False)
         self.progress.setAccessibleName("Progress of the measurement")
         self.status = controls.label("", "small", wrap=True)
         measurement = (self.start, self.progress, self.status, self.measured)

@@ -280,8 +280,8 @@ class OpticsModel:
         x = number(float(self.result.elongation_mm[self.state]), 2, sign=True)
         value, error = float(self.result.ndr[self.state]), float(self.result.error[self.state])
         detected = f"NDR {with_uncertainty(value, error)} of 250 rays"
-        before = "   (design before)" if self.outdated else ""
-        return f"{text}: {x} mm   {detected} (k = 2), {number(self.result.rays, 0)} rays a fan{before}"
+        before = "design before   " if self.outdated else ""  # first: it is not cut
+        return f"{before}{text}: {x} mm   {detected} (k = 2), {number(self.result.rays, 0)} rays a fan"
 
     def drawn_text(self) -> str:
         """Return how many of the rays are drawn, where it is not all of them."""

@@ -118,7 +118,8 @@ class ConnectPanel(QDialog):
 
     def _fit(self) -> None:
         """Take the height of what is shown; Qt's `adjustSize` takes no more than two thirds of the screen's."""
-        self.resize(self.width(), self.sizeHint().height())
+        width = max(self.width(), self.minimumWidth())
+        self.resize(width, self.heightForWidth(width))
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         """Show the boards that have answered, and whether there is a link to close."""

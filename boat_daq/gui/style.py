@@ -129,7 +129,7 @@ VIRIDIS_USED = (0.32, 0.84)  # without the ends that a dark and a light ground w
 
 BAND_OPACITY = 56  # of 255: a band lets the grid and the curve through
 BAND_ALPHA_WIDE = 30
-LABEL_OPACITY = 160  # of the ground of a line's label: data stay visible through it
+LABEL_OPACITY = 200  # of the ground of a line's label: data stay visible through it
 RAY_ALPHA = 90
 PAST_ALPHA = 150  # of curves of cycles before the last one
 STALE_OPACITY = 0.35  # of data that have ended

@@ -208,7 +208,7 @@ class Controller:
     def start(self, extra: Sequence[Check] = ()) -> None:
         """Begin the armed plan: pre-flight, limits and watchdog, then the first step."""
         if self.sequencer.state is not SessionState.ARMED:
-            raise RequestError(f"cannot start while the run is {self.sequencer.state}", "arm a plan first")
+            raise RequestError(f"cannot start in state {self.sequencer.state}", "arm a plan first")
         self._require_speed_of_run()
         self.refused_first = self._obeyed = False
         self._once_guarded(lambda: self._begin_run(self.sequencer.start), extra)
@@ -216,7 +216,7 @@ class Controller:
     def resume(self) -> None:
         """Resume after a pause, with the same checks as at the start."""
         if self.sequencer.state is not SessionState.PAUSED:
-            raise RequestError(f"cannot resume while the run is {self.sequencer.state}")
+            raise RequestError(f"cannot resume in state {self.sequencer.state}")
         self._require_speed_of_run()
         self._once_guarded(lambda: self._begin_run(self.sequencer.resume))
 
@@ -275,7 +275,7 @@ class Controller:
         """Command a pressure manually. RequestError: see `Session.set_pressure`."""
         self.preflight.require_command()
         if self.sequencer.state not in (SessionState.IDLE, SessionState.ARMED, SessionState.ABORTED):
-            raise RequestError(f"cannot set a pressure while the run is {self.sequencer.state}", "stop the run first")
+            raise RequestError(f"cannot set a pressure in state {self.sequencer.state}", "stop the run first")
         self.interlock.authorise(target_kpa, ramp_kpa_per_s)  # refuses now, not after the board's answers
         self.loop = None
         if self.target_kpa is not None:
@@ -295,7 +295,7 @@ class Controller:
         if regulator is None:
             raise RequestError(*NO_REGULATOR)
         if self.sequencer.state not in (SessionState.IDLE, SessionState.ARMED, SessionState.ABORTED):
-            raise RequestError(f"cannot set an elongation while the run is {self.sequencer.state}", "stop it first")
+            raise RequestError(f"cannot set an elongation in state {self.sequencer.state}", "stop it first")
         if self.interlock.latched is not None:
             raise RequestError(f"no pressure: {self.interlock.latched.cause}", self.interlock.latched.remedy)
         regulator.check(mm)

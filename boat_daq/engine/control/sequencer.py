@@ -427,7 +427,7 @@ class Sequencer:
     def _require(self, what: str, *states: SessionState) -> None:
         if self.state not in states:
             remedy = "clear the fault first" if self.state is SessionState.FAULT else ""
-            raise RequestError(f"cannot {what} while the run is {self.state}", remedy)
+            raise RequestError(f"cannot {what} in state {self.state}", remedy)
 
     def _report(self, kind: MessageKind, text: str, level: str = "", remedy: str = "") -> None:
         self._actions.append(ControlEvent(kind, text, level, remedy))

@@ -102,7 +102,8 @@ def _figures(snapshot: SessionSnapshot) -> tuple[tuple[str, str], ...]:
     damaged = counts.crc_errors + counts.malformed
     rate = f"{number(health.rate_hz, 1)} Hz" if health.rate_hz else f"{NOTHING} Hz"
     age = age_text(snapshot)
-    delay = "" if age else f"Delay {number(health.lag_ms, 0)} ms".ljust(len("Delay 100 ms"), _DIGIT)
+    lag = f"{number(health.lag_ms, 0)} ms" if health.lag_ms < 1000 else f"{number(health.lag_ms / 1000, 1)} s"
+    delay = "" if age else f"Delay {lag}".ljust(len("Delay 100 ms"), _DIGIT)
     return (
         (f"Last data {age}", "off") if age else (rate, "warning" if off else ""),
         (f"{counts.lost} lost", "warning" if counts.lost else ""),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
@@ -36,9 +38,11 @@ def test_vent_is_not_cut_on_a_narrow_window(live):
 
 def test_header_is_never_cut(live):
     """At 853 px the figures of the link and the unit's calibration were cut; what is wrong is never left out."""
-    live.model.session.change(
-        hello=HELLO, health=HealthSnapshot(LinkStatistics(lost=12), 100.0, 100.0, 0.0, 3.0, None, None, None, ())
-    )
+    health = HealthSnapshot(LinkStatistics(lost=12), 100.0, 100.0, 0.0, 3.0, None, None, None, ())
+    live.model.session.change(hello=HELLO, health=replace(health, lag_ms=10851.0))
+    live.refresh()
+    assert "Delay 10.9 s" in live.header.link.toolTip()  # 10 851 ms was cut to m
+    live.model.session.change(health=health)
     live.model.unit.text = lambda _: "SA1  ·  calibrated 2026-11-22"
     head = live.header
     for width in (NARROW, 960, 1280):

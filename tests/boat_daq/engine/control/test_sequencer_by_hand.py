@@ -275,7 +275,7 @@ def test_abort_without_a_run() -> None:
     assert (sequencer.state, sequencer.ended, sequencer.take()) == (SessionState.IDLE, None, [])
     sequencer.abort("latch", SessionState.FAULT)
     assert (sequencer.state, sequencer.ended) == (SessionState.FAULT, None)
-    with pytest.raises(RequestError, match="cannot arm while the run is fault") as caught:
+    with pytest.raises(RequestError, match="cannot arm in state fault") as caught:
         sequencer.arm(TURNS)
     assert caught.value.remedy == "clear the fault first"
     sequencer.cleared()

@@ -305,7 +305,7 @@ def _on_cluster(common: Common, items: list[Item], address: str) -> Iterator[tup
                         continue
                     yield number, results
         except (TimeoutError, OSError, CancelledError, library.CancelledError, library.KilledWorker) as error:
-            raise _cluster_lost(f"the Dask workers at {address} were lost") from error
+            raise _cluster_lost(f"the Dask scheduler at {address}, or its workers, were lost") from error
         finally:
             client.cancel(list(futures))
 

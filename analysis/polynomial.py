@@ -196,7 +196,7 @@ def _check(x: FloatArray, y: FloatArray, degree: int, weights: FloatArray | None
         raise RequestError("a weight is not a positive number", "Give the standard uncertainty of every point.")
     distinct = np.unique(x).size
     if distinct == 1 and degree > 0:
-        raise DataError(f"all {x.size} x are equal ({x[0]:g})", "A curve needs points at different x.")
+        raise DataError(f"all {x.size} x are equal ({x[0]:g})", "Give points at different x.")
     if distinct < degree + 1:
         cause = f"only {distinct} different positions; degree {degree} needs {degree + 1}"
         raise DataError(cause, "Measure at more positions, or choose a lower degree.")

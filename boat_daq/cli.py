@@ -293,7 +293,9 @@ def explain(error: Exception) -> tuple[str, str]:
         remedy, command = known[1], getattr(error, "command", "")
         return known[0], f"{remedy.rstrip('.')}: {command}" if remedy and command else remedy or command
     if isinstance(error, OSError) and error.filename and error.strerror:
-        return f"{error.filename}: {error.strerror}", "check the path, its permissions and the free space of the disk"
+        absent = isinstance(error, FileNotFoundError)
+        remedy = "check the path" if absent else "check the path, its permissions and the free space of the disk"
+        return f"{error.filename}: {error.strerror}", remedy
     from boat_daq.engine.log import note_failure, start_log, stop_log
 
     path = start_log()
@@ -303,15 +305,21 @@ def explain(error: Exception) -> tuple[str, str]:
     return f"an error of the program: {type(error).__name__}: {error}{where}", "boat-daq bugreport --out FILE.zip"
 
 
+_PLAIN = {
+    r"a valid float( range)?": "a number",
+    r"a valid int(eger)?( range)?": "a whole number",
+    r"is not in the range x>=(\S+)$": r"is below \1",
+    r"is not in the range (\S+)<=x<=(\S+)$": r"is not within \1 to \2",
+}  # texts of the library that reads the options
+
+
 def _usage(error: Any) -> tuple[str, str]:
     """Return cause and remedy of a wrong call."""
     called = error.ctx.command_path if error.ctx is not None else "boat-daq"
-    text = re.sub(r"a valid (float|int)(eger)?( range)?", _number_named, error.format_message())
-    return text.rstrip("."), f"{called} --help"
-
-
-def _number_named(found: re.Match[str]) -> str:
-    return "a number" if found[1] == "float" else "a whole number"
+    text = error.format_message().rstrip(".")
+    for of_the_parser, plain in _PLAIN.items():
+        text = re.sub(of_the_parser, plain, text)
+    return text, f"{called} --help"
 
 
 def main() -> None:

@@ -96,7 +96,7 @@ class Table:
         having = ", ".join(self.names[:20])
         if hits:
             raise RequestError(f"column {wanted!r} occurs {len(hits)} times", "Give its number, counted from 1.")
-        raise RequestError(f"there is no column {wanted!r}", f"The columns are: {having}.")
+        raise RequestError(f"there is no column {wanted!r}", f"Choose one of {having}.")
 
 
 def read_table(path: str | Path, separator: str | None = None, *, skip: int = 0, whole_lines: bool = False) -> Table:

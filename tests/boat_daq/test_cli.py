@@ -180,6 +180,8 @@ def test_no_type_of_python_is_shown() -> None:
         ("record --port x --plan calibraton --json", "no plan 'calibraton'", "did you mean calibration"),
         ("optics trace --state 20 --json", "no state 20", "0 (most compressed) to 14"),
         ("config set rate_hzz=1 --json", "'rate_hzz' is not a known key", "did you mean rate_hz"),
+        ("demo --cycles u --json", "'u' is not a whole number", "boat-daq demo --help"),
+        ("demo --speed 0 --json", "0.0 is not within 1 to 100", "boat-daq demo --help"),
         ("tradeoff nonsense --out x --json", "no method 'nonsense'", "choose one of"),
     ],
 )

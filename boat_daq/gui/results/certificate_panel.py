@@ -14,7 +14,7 @@ from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.results.certificates import CertificateModel
 
 _REFRESH_MS = 250
-_MISSING = 'Empty fields print as "not stated". Entries are remembered.'
+_MISSING = "Empty fields print as \u201cnot stated\u201d."
 COMPLETE = "All fields are filled."
 MAKING = "The pages are being made \u2026"
 PAGE_SCALE = 0.85  # of the screen's height that the panel takes at most

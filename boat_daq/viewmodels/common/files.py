@@ -14,7 +14,7 @@ TABLE_SUFFIXES = (
     ".csv", ".tsv", ".txt", ".dat", ".log", ".lvm", ".xlsx", ".xls", ".ods", ".mat", ".h5", ".hdf5", ".parquet",
 )  # fmt: skip
 TABLE_KINDS = " ".join(ending[1:] for ending in TABLE_SUFFIXES)
-OPENED = "Open a recording (.boat), a table (.csv, .xlsx, .mat ...), or a plan or a profile (.toml)."
+OPENED = "Open a recording (.boat), a table (.csv, .xlsx, .mat \u2026), or a plan or a profile (.toml)."
 
 
 class FileKind(Enum):

@@ -50,7 +50,10 @@ CYCLE_FIGURES = (
         "Drift", "From the mean", "% FSO", DRIFT_KEY,
         "Points: signal at the highest (filled) and the lowest level. Line and band: drift with its 95 % interval.",
     ),
-    CycleFigure("Hysteresis", "Hysteresis", "% FSO", HYSTERESIS_KEY, f"{FIGURE} That is of the mean loop."),
+    CycleFigure(
+        "Hysteresis", "Hysteresis", "% FSO", HYSTERESIS_KEY,
+        "Points: cycles, on average wider by their noise. Line and band: the mean loop with its 95 % interval.",
+    ),
     CycleFigure("Sensitivity", "Sensitivity", "mV/mm", SENSITIVITY_KEY, FIGURE),
     CycleFigure("SNR", "SNR", "dB", SNR_KEY, FIGURE),
 )  # fmt: skip

@@ -138,7 +138,6 @@ class SettingsPage(ReflowingPage):
         self.leaves = Leaves(*self.forms.values())
         self.list = self.first = QListWidget()
         self.list.setAccessibleName("Program and units")
-        self.list.setMinimumHeight(2 * style.CONTROL_HEIGHT)
         self.list.currentItemChanged.connect(lambda item, _: self._choose(item))
         self.name = controls.field("Name of a new unit", on_enter=self._add, placeholder="New unit")
         self.add = controls.button("Add", self._add, name="Add a unit")
@@ -175,7 +174,9 @@ class SettingsPage(ReflowingPage):
         """Keep the list narrow beside the values, and above them no higher than its lines."""
         super().reflow()
         lines = self.list.count() * self.list.sizeHintForRow(0) + 2 * self.list.frameWidth()
-        self.list.setMaximumHeight(min(lines, 4 * style.CONTROL_HEIGHT) if self.narrow else _NO_LIMIT)
+        low = min(max(lines, style.CONTROL_HEIGHT), 4 * style.CONTROL_HEIGHT)
+        self.list.setMinimumHeight(low)
+        self.list.setMaximumHeight(low if self.narrow else _NO_LIMIT)
         self.side.setMaximumWidth(_NO_LIMIT if self.narrow else style.QUESTION_LEAST)
         self.values.setMaximumWidth(_NO_LIMIT if self.narrow else style.FORM_WIDTH + style.PANE_WIDTH_WIDE)
 

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 from PySide6.QtCore import Qt
 from PySide6.QtTest import QTest
+from PySide6.QtWidgets import QApplication
 
 from boat_daq.engine.settings import Settings, UnitLibrary
 from boat_daq.viewmodels.common.services import Tab
@@ -58,6 +59,11 @@ def test_units_are_added_and_a_refused_one_shows_why(page, empty):
     page.add.click()
     empty.refresh()
     assert page.title.text() == "Unit SA7" and page.list.currentItem().text() == "Unit SA7"
+    empty.resize(853, 600)
+    for _ in range(10):
+        QApplication.processEvents()
+    assert page.list.verticalScrollBar().maximum() == 0
+    assert page.list.height() < 4 * page.list.sizeHintForRow(0)  # no line is empty
     file = empty.model.units.folder / "SA7.toml"
     file.write_text("name = 3\n")
     page.show_subject()

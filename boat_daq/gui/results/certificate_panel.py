@@ -35,7 +35,6 @@ class CertificatePanel(FormDialog):
         self.words = controls.label(_MISSING if fields else COMPLETE, "muted", wrap=True)
         self.outcome = controls.label("", wrap=True, name="State of the certificate")
         self.stack = QVBoxLayout()
-        self.stack.setSizeConstraint(QVBoxLayout.SizeConstraint.SetMinimumSize)  # no page is cut to fit the panel
         self.area = QScrollArea()
         self.area.setWidgetResizable(True)
         self.area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)

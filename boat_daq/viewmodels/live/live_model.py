@@ -94,7 +94,7 @@ class Span:
         return (
             f"{self.name} ({self.unit})", number(self.mean, d), number(self.sd, d + 1), number(self.low, d),
             number(self.high, d), number(self.difference, d, sign=True), number(self.slope_per_s, d + 1, sign=True),
-            f"{number(self.snr_db, 1)} dB",
+            f"{number(self.snr_db, 1)} dB" if self.name.startswith("Sensor") else NOTHING,
         )  # fmt: skip
 
 

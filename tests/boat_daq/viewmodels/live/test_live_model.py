@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from boat_daq.viewmodels.live.live_model import HEADINGS_SHORT, STATISTICS_HEADINGS, LiveModel, with_holes
 from boat_daq.workflows.live_conversion import LiveElongation
+from protocol.base.units import NOTHING
 from protocol.recording import sample_dtype
 from tests.boat_daq.gui.recorded_session import connected, filled_ring, idle
 
@@ -140,6 +141,9 @@ def test_statistics_between_the_cursors_agree_with_numpy(ring):
     t, y = columns["time_s"], columns["s1_mv"]
     from_a, to_b = y[(t >= 30.0) & (t <= 30.2)].mean(), y[(t >= 39.8) & (t <= 40.0)].mean()
     assert model.statistics()[0].difference == pytest.approx(to_b - from_a, rel=0.02)
+    ratios = {span.name: span.cells[-1] for span in model.statistics()}
+    assert ratios["Sensor 1"].endswith(" dB")
+    assert ratios["Pressure"] == NOTHING  # -43.6 dB of a pressure of 0 says nothing
     assert all(len(span.cells) == len(STATISTICS_HEADINGS) == len(HEADINGS_SHORT) + 1 for span in model.statistics())
 
 

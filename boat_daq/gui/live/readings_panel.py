@@ -55,9 +55,9 @@ class ReadingBar(QFrame):
         show = partial(services.show, Panel.PHOTOGRAPH)
         self.photo = controls.button("Photograph …", show, tip="Read it from a picture of the grid")
         self.simulated = controls.button(
-            "Simulate reading", run.read_grid, tip="Take the elongation of the simulated unit (F2)"
+            "Simulate", run.read_grid, tip="Take the elongation of the simulated unit (F2)"
         )
-        self.all = QCheckBox("At every plateau")
+        self.all = QCheckBox("Simulate all")
         self.all.setToolTip("Simulate the reading at every plateau")
         self.all.setAccessibleName("Simulate the reading at every plateau")
         self.all.clicked.connect(run.toggle_read_all)
@@ -185,10 +185,8 @@ class ReadingBar(QFrame):
         if asked == self._fitted:
             return
         self._fitted = asked
-        for short, unit_alone in ((self._narrow, self._narrow), (True, self._narrow), (True, True)):
-            self._short = unit_alone
-            self.simulated.setText("Simulate" if short else "Simulate reading")
-            self.all.setText("Simulate all" if short else "At every plateau")
+        for short in (self._narrow, True):
+            self._short = short
             self._show_unit()
             self.answer.invalidate()  # Qt tells only the outer layout
             self.lines.invalidate()

@@ -85,7 +85,7 @@ def storage_error(path: Path, error: Exception) -> StorageError:
 
 
 def _gone(path: Path) -> StorageError:
-    return StorageError(f"{path} was moved or removed while it was recorded", "Put it back, or start again.")
+    return StorageError(f"{path.name} was moved or removed while it was recorded", "Put it back, or start again.")
 
 
 def _sqlite_code(error: Exception) -> int:

@@ -28,7 +28,6 @@ from boat_daq.formatting import duration, number
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.workflows.jobs import Background
 from protocol.base.errors import RequestError
-from protocol.base.units import NOTHING
 from protocol.simulator.specimens import RISING_NAMES, SENSOR_COUNTS
 from protocol.text.packets import parse_format
 from protocol.text.profile import load_profile
@@ -100,7 +99,7 @@ def _figures(snapshot: SessionSnapshot) -> tuple[tuple[str, str], ...]:
     counts = health.statistics
     off = health.asked_hz and health.rate_hz and abs(health.rate_hz / health.asked_hz - 1) > 0.05
     damaged = counts.crc_errors + counts.malformed
-    rate = f"{number(health.rate_hz, 1)} Hz" if health.rate_hz else f"{NOTHING} Hz"
+    rate = f"{number(health.rate_hz or None, 1)} Hz".ljust(len("100.0 Hz"), _DIGIT)  # what follows stays in its place
     age = age_text(snapshot)
     lag = f"{number(health.lag_ms, 0)} ms" if health.lag_ms < 1000 else f"{number(health.lag_ms / 1000, 1)} s"
     delay = "" if age else f"Delay {lag}".ljust(len("Delay 100 ms"), _DIGIT)

@@ -39,9 +39,10 @@ def test_vent_is_not_cut_on_a_narrow_window(live):
 def test_header_is_never_cut(live):
     """At 853 px the figures of the link and the unit's calibration were cut; what is wrong is never left out."""
     health = HealthSnapshot(LinkStatistics(lost=12), 100.0, 100.0, 0.0, 3.0, None, None, None, ())
-    live.model.session.change(hello=HELLO, health=replace(health, lag_ms=10851.0))
+    live.model.session.change(hello=HELLO, health=replace(health, rate_hz=99.9, lag_ms=10851.0))
     live.refresh()
     assert "Delay 10.9 s" in live.header.link.toolTip()  # 10 851 ms was cut to m
+    assert live.header.figures[0].text() == "99.9 Hz\u2007"  # as wide as 100.0 Hz
     live.model.session.change(health=health)
     live.model.unit.text = lambda _: "SA1  ·  calibrated 2026-11-22"
     head = live.header

@@ -59,7 +59,6 @@ OPTIONAL = ("Readings", "Length", "Cycles")  # columns hidden in this order wher
 USUAL_NAME = "20260101-000000_SA1.boat"  # what the program names a recording
 NO_UNITS = "Accepted calibrations are listed here by unit."
 DIFFERENCE = "The curve of each run less the curve of the first one, over elongation."
-_LAID_OUT_MS = 100  # after which the page has its new height
 OVER_TIME_TIP = "Its calibrations over each other and over time, and when it is due again"
 UNIT_HEADINGS = ("Unit", "Accepted", "Sensitivity, mV/mm", "Recording")
 
@@ -100,6 +99,7 @@ class RunsPage(QWidget):
         self._calibrate, self._resume = calibrate, resume
         self._revision = -1
         self._compared: object = None
+        self._reveals = False  # whether the page is scrolled to the comparison once it has its height
         self._untouched = True  # until then the newest recording is chosen
         self.list = DataTable("Recordings", RUN_HEADINGS, right=(3, 4, 5))  # a long file name is cut, not scrolled
         self.list.verticalHeader().setDefaultSectionSize(style.THUMBNAIL[1])
@@ -215,6 +215,9 @@ class RunsPage(QWidget):
         self._fit_below()
         self.list.setColumnWidth(0, style.THUMBNAIL[0] // (2 if self.width() < style.STACKED_BELOW else 1))
         super().resizeEvent(event)
+        if self._reveals:
+            self._reveals = False
+            QTimer.singleShot(0, self, self._reveal)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """Choose the columns again when the width of the list changes, which is after the page's."""
@@ -407,13 +410,13 @@ class RunsPage(QWidget):
 
     def _show_comparison(self) -> None:
         lines, legend = self.model.comparison_lines()
+        self._reveals = bool(lines)
         self.below.setCurrentIndex(1 if lines else 0)
         self._fit_below()
         self.compare_card.clear()
         self.compare_card.show_signals_in(self.model.comparison_unit)
         if lines:
             self._arrange_comparison(len(lines))
-            QTimer.singleShot(_LAID_OUT_MS, self, self._reveal)
         self.compare_card.readout.setText(legend)
         for labels, curves in zip(self.numbers, lines, strict=False):
             labels.set([(*spread(x, y, i, len(curves)), str(i + 1)) for i, (x, y) in enumerate(curves) if x.size])

@@ -44,6 +44,7 @@ from boat_daq.viewmodels.live.sequence import (
     progress_text,
     state_text,
 )
+from protocol.base.units import STORED_UNITS
 
 BUTTONS = {  # key -> text, explanation
     "arm": ("Arm", "Check the plan against every limit; nothing moves yet"),
@@ -234,6 +235,7 @@ class PlanForm(QScrollArea):
         self.sequence, self.end_at, self.services = sequence, end_at, services
         self._revision: tuple[object, ...] = ()
         self.units: list[tuple[QLabel, str]] = []
+        self._typed_in = STORED_UNITS
         self.setWidgetResizable(True)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # it scrolls to the control that gets it
         self.setAccessibleName("Plan, manual pressure and elongation")
@@ -328,8 +330,13 @@ class PlanForm(QScrollArea):
         return field
 
     def _show_units(self) -> None:
+        """Show the units; what was typed in the ones before is converted: 5 kPa/s must not become 5 bar/s."""
         for label, stored in self.units:
             controls.set_text(label, self.sequence.unit(stored))
+        if self._typed_in != self.sequence.units:
+            for field, stored in ((self.target, "kPa"), (self.ramp, "kPa/s"), (self.mm, "mm")):
+                field.setText(self.sequence.converted(field.text(), self._typed_in, stored))
+            self._typed_in = self.sequence.units
 
     def _unit(self, stored: str) -> QLabel:
         """Return a label with the unit in which values of a stored one are typed."""

@@ -320,6 +320,13 @@ class SequenceModel:
         self.session.arm(chosen, wait_for_reading=waits, resume=resume, regulator=regulator, hold=self.hold)
         self._needs_readings = waits
 
+    def converted(self, text: str, before: ShownUnits, stored: str) -> str:
+        """Return a number that was typed in other units in those shown now; any other text as it is."""
+        try:
+            return f"{self.units.shown(stored).value(stored_number(text, before, stored)):.4g}"
+        except ValueError:
+            return text
+
     def set_pressure(self, text: str, ramp: str) -> None:
         try:
             target_kpa = stored_number(text, self.units, "kPa")

@@ -52,8 +52,11 @@ def test_plan_target_and_limits_are_in_the_chosen_units(live):
     """Truth: 1 kPa = 10 mbar. What is shown is what was typed; leaving a field changes nothing."""
     live.live.pane.setCurrentWidget(live.live.plan)
     plan, model = live.live.plan, live.model
+    plan.target.setText("20")
+    plan.ramp.setText("5,5")
     model.unit_choice.choose(ShownUnits.of("mbar"))
     live.refresh()
+    assert (plan.target.text(), plan.ramp.text()) == ("200", "55")  # 5 kPa/s became 5 mbar/s, or 5 bar/s
     assert (plan.fields["high_kpa"].text(), plan.rows["high_kpa"][2].text()) == ("500", "mbar")
     assert plan.limits.text() == "Limits \u2212400 to +500 mbar"
     assert plan.limits.toolTip() == "Limits of the plan"

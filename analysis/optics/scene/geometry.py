@@ -13,7 +13,7 @@ kind 0), then the junctions' surfaces from `frame.py`, whose row of 16 numbers t
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -326,7 +326,6 @@ def _write_order(g: Geometry, first: IntArray) -> int:
     return n
 
 
-@inside
 def allocate(guides: int, arcs: int, junction: int, most_cavities: int, source_cell: int, face: int) -> Geometry:
     """Return unfilled arrays for guides of so many arcs with up to so many cavities each; `build` fills them."""
     cells = guides * (arcs + 2 * most_cavities + 2) * (2 if face == MIDLINE else 1)
@@ -395,11 +394,8 @@ def geometry_of(frame: SceneFrame, design: Design) -> Geometry:
     check_design(frame, design, "this state")
     guides, arcs = frame.curvature.shape
     pattern = pattern_of(design)
-    made: dict[Any, Any] = {}  # one scene takes 2 ms interpreted, and seconds to compile
-    g = interpreted(allocate, made)(
-        guides, arcs, len(frame.surfaces), design.cavities, frame.source_cell, int(pattern[4])
-    )
-    interpreted(build, made)(g, frame, pattern)
+    g = allocate(guides, arcs, len(frame.surfaces), design.cavities, frame.source_cell, int(pattern[4]))
+    interpreted(build)(g, frame, pattern)  # 2 ms, and seconds to compile
     return g
 
 

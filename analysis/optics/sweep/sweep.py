@@ -30,7 +30,7 @@ from analysis.optics.scene.parameters import PAPER_OPTIMUM, PAPER_RAYS, STEPS_MM
 from analysis.optics.sweep.figure_of_merit import Merit, Uncertainty, merit, ranks_within, resolution, uncertainty
 from analysis.optics.sweep.sweep_file import SweepFile
 from analysis.optics.tracer.rays import Fan, Rules, fan_of, rules_of, share_of
-from analysis.optics.tracer.simulation import fan_sd, simulate_many, stacked, states_of
+from analysis.optics.tracer.simulation import Work, fan_sd, memory_of, simulate_many, stacked, states_of
 from analysis.optics.tracer.tally import COUNTS, DETECTED, E_CUT, E_DETECTED, ENERGIES, HITS
 from analysis.progress import Progress
 from protocol.base.arrays import BoolArray, FloatArray, IntArray
@@ -166,13 +166,14 @@ def compile_tracer(common: Common) -> None:
 
 def _arguments(
     common: Common, patterns: FloatArray, states: slice
-) -> tuple[SceneFrame, FloatArray, Rules, Fan, IntArray, IntArray, FloatArray, FloatArray]:
+) -> tuple[SceneFrame, FloatArray, Rules, Fan, IntArray, Work, IntArray, FloatArray, FloatArray]:
     """Return the arguments of `simulate_many`; the last three are to be filled."""
     frames, rules, fan, shares = common
     frames, shares = states_of(frames, states), shares[states]
     shape = (len(patterns), len(frames.nodes))
     counts = np.zeros((*shape, COUNTS), dtype=np.int64)
-    return frames, patterns, rules, fan, shares, counts, np.zeros((*shape, ENERGIES)), np.zeros((*shape, 2))
+    work = memory_of(frames, patterns, rules, fan.rays, shares)
+    return frames, patterns, rules, fan, shares, work, counts, np.zeros((*shape, ENERGIES)), np.zeros((*shape, 2))
 
 
 def run_sweep(

@@ -49,7 +49,6 @@ class Queue(NamedTuple):
     slots: int
 
 
-@inside
 def new_queue(budget: int, faintest: float) -> Queue:
     """Return a queue for `budget` secondaries of `faintest` power or more, to be opened before use."""
     slots = 2 * budget + 16 if budget > 0 else 0

@@ -11,7 +11,7 @@ import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -32,7 +32,7 @@ from analysis.optics.tracer.budget import (
     prune,
 )
 from analysis.optics.tracer.rays import Fan, Ray, Rules, fan_of, released, rules_of, share_of
-from analysis.optics.tracer.tally import COUNTS, DETECTED, Tally, add_tally, add_twins, new_tally
+from analysis.optics.tracer.tally import COUNTS, DETECTED, Tally, add_tally, add_twins, clear, new_tally
 from analysis.optics.tracer.tracer import follow
 from analysis.progress import Progress
 from protocol.base.arrays import BoolArray, FloatArray, IntArray
@@ -46,7 +46,6 @@ _OF_ALL = 4  # rays that are followed of each released one where all are
 _SCALARS = ("half_mm", "source_cell")  # of a frame, the same in every state
 
 
-_empty_queue, _empty_tally = interpreted(new_queue), interpreted(new_tally)
 _left = [2_000]  # rays that Python may still follow in this process: as many as take the time of loading machine code
 
 
@@ -65,8 +64,8 @@ class TraceResult:
     power_sd: float
 
 
-@compiled
-def follow_block(
+@inside
+def _follow_block(
     g: Geometry, rules: Rules, fan: Fan, first: int, budget: int, q: Queue, tally: Tally, last: bool
 ) -> None:
     """Follow one block of released rays; secondaries within a budget are left in the queue, all others follow them.
@@ -101,14 +100,28 @@ def _follow_secondary(g: Geometry, rules: Rules, ray: Ray, q: Queue, tally: Tall
     follow(g, rules, ray, q, tally, rays + tally.counts[ledger.GRANTED] - 1)
 
 
-@compiled
-def join(tally: Tally, q: Queue, later_tally: Tally, later: Queue) -> None:
+@inside
+def _join(tally: Tally, q: Queue, later_tally: Tally, later: Queue) -> None:
     """Add a later block's tally and queue to the first."""
     add_tally(tally, later_tally)
     merge(pointers(q), pointers(later), pointers(tally))
 
 
-_follow_block, _join = interpreted(follow_block), interpreted(join)
+@compiled
+def follow_block(
+    g: Geometry, rules: Rules, fan: Fan, first: int, budget: int, q: Queue, tally: Tally, last: bool
+) -> None:
+    """Follow one block of released rays from Python."""
+    _follow_block(g, rules, fan, first, budget, q, tally, last)
+
+
+@compiled
+def join(tally: Tally, q: Queue, later_tally: Tally, later: Queue) -> None:
+    """Add a later block from Python."""
+    _join(tally, q, later_tally, later)
+
+
+_follow_quick, _join_quick = interpreted(_follow_block), interpreted(_join)
 
 
 def _is_quick(rays: int, budget: int) -> bool:
@@ -118,17 +131,17 @@ def _is_quick(rays: int, budget: int) -> bool:
 
 
 @inside
-def simulate(g: Geometry, rules: Rules, fan: Fan, budget: int, q: Queue, later: Queue, tally: Tally) -> None:
-    """Trace one scene, block after block. `later`: a second queue, used from the second block on."""
+def simulate(work: Work, rules: Rules, fan: Fan, budget: int) -> None:
+    """Trace one scene, block after block."""
+    g, q, tally = work.g, work.q, work.tally
     start, more = min(0, fan.followed), fan.followed > BLOCK  # no literals, for which numba would compile copies
-    follow_block(g, rules, fan, start, budget, q, tally, not more)
+    _follow_block(g, rules, fan, start, budget, q, tally, not more)
     for first in range(BLOCK, fan.followed, BLOCK):
-        later_tally = new_tally(tally.by_root, tally.drawn, tally.drawn_by)
-        later_tally.counts[COUNTS] = tally.counts[COUNTS]
-        follow_block(g, rules, fan, first, budget, later, later_tally, not more)
-        join(tally, q, later_tally, later)
+        clear(work.later_tally)
+        _follow_block(g, rules, fan, first, budget, work.later, work.later_tally, not more)
+        _join(tally, q, work.later_tally, work.later)
     if more:
-        follow_block(g, rules, fan, fan.followed, budget, q, tally, more)
+        _follow_block(g, rules, fan, fan.followed, budget, q, tally, more)
 
 
 @compiled
@@ -163,14 +176,14 @@ def changes_along_fan(by_root: FloatArray, step: float, shift: float, jittered: 
     return total
 
 
-@compiled
+@inside
 def _unlike(step: float, jittered: bool) -> float:
     """Return half the mean squared difference of neighbours, of a process of unit variance."""
     kept = math.expm1(-step) / step
     return 1.0 - kept * kept if jittered else -math.expm1(-step)
 
 
-@compiled
+@inside
 def _alike(step: float, jittered: bool) -> float:
     """Return the part by which squared differences of the next but one are larger than those of neighbours."""
     if not jittered:
@@ -178,7 +191,7 @@ def _alike(step: float, jittered: bool) -> float:
     return (1.0 - _unlike(step, jittered)) * -math.expm1(-step) / _unlike(step, jittered)
 
 
-@compiled
+@inside
 def _step_of(alike: float, jittered: bool) -> float:
     """Return the step at which the next but one differ by such a part."""
     low, high = _SMALL_STEP, _LARGE_STEP
@@ -188,7 +201,7 @@ def _step_of(alike: float, jittered: bool) -> float:
     return high
 
 
-@compiled
+@inside
 def _shared(step: float, at: float, jittered: bool) -> float:
     """Return the variance of a ray's part in the sum, or its covariance with a ray shifted by `at` steps.
 
@@ -229,6 +242,27 @@ def _frame_at(frames: SceneFrame, s: int) -> SceneFrame:
     )
 
 
+class Work(NamedTuple):
+    """Memory of `simulate_many`, made by `memory_of`: numba compiles for long what allocates."""
+
+    g: Geometry
+    q: Queue
+    later: Queue  # with later_tally: of the second block of a scene and of those after it
+    tally: Tally
+    later_tally: Tally
+
+
+def memory_of(frames: SceneFrame, patterns: FloatArray, rules: Rules, rays: int, shares: IntArray) -> Work:
+    """Return memory for every pattern in every state."""
+    guides, arcs = frames.curvature[0].shape
+    most, face = int(patterns[:, 0].max()), int(patterns[:, 4].max())
+    g = allocate(guides, arcs, len(frames.surfaces[0]), most, frames.source_cell, face)
+    budget, by_root = int(shares[:, 1].max()), np.empty((rays, 2))
+    nothing = np.empty((0, 3)), np.empty((0, 2), dtype=np.int64)
+    q, later = (new_queue(budget, rules.faintest) for _ in range(2))
+    return Work(g, q, later, new_tally(by_root, *nothing), new_tally(by_root, *nothing))
+
+
 @compiled
 def simulate_many(
     frames: SceneFrame,
@@ -236,31 +270,24 @@ def simulate_many(
     rules: Rules,
     fan: Fan,
     shares: IntArray,
+    work: Work,
     counts: IntArray,
     energy: FloatArray,
     changes: FloatArray,
 ) -> None:
     """Simulate every pattern (p, 5) in every state; `shares` (s, 2) from `share_of`; the last three are filled."""
-    no_points, no_owners = np.empty((0, 3)), np.empty((0, 2), dtype=np.int64)
-    guides, arcs = frames.curvature[0].shape
-    most, face, most_secondary = 0.0, 0.0, shares[0, 1]
-    for p in range(len(patterns)):
-        most, face = max(most, patterns[p, 0]), max(face, patterns[p, 4])
-    for s in range(len(shares)):
-        most_secondary = max(most_secondary, shares[s, 1])
-    g = allocate(guides, arcs, len(frames.surfaces[0]), int(most), frames.source_cell, int(face))
-    q, later = new_queue(most_secondary, rules.faintest), new_queue(most_secondary, rules.faintest)
     jittered = len(fan.places) > 0
     shift = 0.5 if jittered else (2.0 * fan.phase) % 1.0
-    by_root, step = np.empty((fan.rays, 2)), fan_step(math.degrees(2.0 * fan.half), fan.rays, 2.0 * frames.half_mm)
+    step = fan_step(math.degrees(2.0 * fan.half), fan.rays, 2.0 * frames.half_mm)
+    tally, by_root = work.tally, work.tally.by_root
     for p in range(len(patterns)):
         for s in range(len(frames.nodes)):
-            build(g, _frame_at(frames, s), patterns[p])
+            build(work.g, _frame_at(frames, s), patterns[p])
             for i in range(fan.rays):
                 by_root[i, 0], by_root[i, 1] = 0.0, 0.0
-            tally = new_tally(by_root, no_points, no_owners)
+            clear(tally)
             followed = Fan(fan.half, fan.rays, fan.lambertian, fan.phase, shares[s, 0], fan.places)
-            simulate(g, rules, followed, shares[s, 1], q, later, tally)
+            simulate(work, rules, followed, shares[s, 1])
             change = changes_along_fan(by_root, step, shift, jittered)
             for i in range(COUNTS):
                 counts[p, s, i] = tally.counts[i]
@@ -304,16 +331,16 @@ def trace(
     followed, budget = share_of(frame, light)
     g, rules, fan = geometry_of(frame, design), rules_of(guide, light), fan_of(light)._replace(followed=followed)
     quick = _is_quick(followed, budget)
-    follow = _follow_block if quick else follow_block
+    follow = _follow_quick if quick else follow_block
     by_root = np.zeros((light.rays, 2))
     nothing = np.empty((0, 3)), np.empty((0, 2), dtype=np.int64)
 
     def one(first: int) -> tuple[Tally, Queue]:
-        tally, q = _empty_tally(by_root, *nothing), _empty_queue(budget, light.faintest)
+        tally, q = new_tally(by_root, *nothing), new_queue(budget, light.faintest)
         follow(g, rules, fan, first, budget, q, tally, followed <= BLOCK)
         return tally, q
 
-    tally, q = _empty_tally(by_root, *nothing), _empty_queue(budget, light.faintest)
+    tally, q = new_tally(by_root, *nothing), new_queue(budget, light.faintest)
     if not quick:
         compile_ahead(follow_block, g, rules, fan, 0, budget, q, tally, True)
     pool = ThreadPoolExecutor(threads or os.cpu_count() or 1)
@@ -394,10 +421,10 @@ def ray_paths(
     """Return the paths of the rays of a simulation, for drawing, without the last stretch of one that escapes."""
     g, rules, fan = geometry_of(frame, design), rules_of(guide, light), fan_of(light)
     drawn, by = np.empty((_DRAWN, 3)), np.empty((_DRAWN, 2), dtype=np.int64)
-    tally = _empty_tally(np.zeros((light.rays, 2)), drawn, by)
+    tally = new_tally(np.zeros((light.rays, 2)), drawn, by)
     few = min(released_rays or light.rays, light.rays)
     budget = light.secondary if light.secondary == ALL else round(light.secondary * few / light.rays)
-    q, later = (_empty_queue(budget, light.faintest) for _ in range(2))
+    q, later = (new_queue(budget, light.faintest) for _ in range(2))
     blocks = [(first, min(first + BLOCK, light.rays)) for first in range(0, light.rays, BLOCK)]
     if few < light.rays:
         chosen = ((np.arange(few) + 0.5) * fan.rays / few).astype(int).tolist()
@@ -418,10 +445,10 @@ def _simulate_blocks(
     """Trace the rays of a fan that are in blocks (first ray, ray after the last), of BLOCK rays at most."""
     (first, after), *others = blocks
     quick = _is_quick(sum(after - first for first, after in blocks), budget)
-    follow, add = (_follow_block, _join) if quick else (follow_block, join)
+    follow, add = (_follow_quick, _join_quick) if quick else (follow_block, join)
     follow(g, rules, fan._replace(followed=after), first, budget, q, tally, False)
     for first, after in others:
-        one = _empty_tally(tally.by_root, tally.drawn, tally.drawn_by)
+        one = new_tally(tally.by_root, tally.drawn, tally.drawn_by)
         one.counts[COUNTS] = tally.counts[COUNTS]
         follow(g, rules, fan._replace(followed=after), first, budget, later, one, False)
         add(tally, q, one, later)

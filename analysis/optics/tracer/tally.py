@@ -30,10 +30,18 @@ class Tally(NamedTuple):
     capacity: int  # most points that are drawn
 
 
-@inside
 def new_tally(by_root: FloatArray, drawn: FloatArray, drawn_by: IntArray) -> Tally:
     """Return an empty tally over a shared account by released ray."""
     return Tally(np.zeros(COUNTS + 1, dtype=np.int64), np.zeros(ENERGIES), by_root, drawn, drawn_by, len(drawn))
+
+
+@inside
+def clear(tally: Tally) -> None:
+    """Empty a tally, but for its account by released ray."""
+    for i in range(COUNTS + 1):
+        tally.counts[i] = 0
+    for i in range(ENERGIES):
+        tally.energy[i] = 0.0
 
 
 @inside

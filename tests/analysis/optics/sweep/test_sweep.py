@@ -88,7 +88,7 @@ def test_no_thread_of_the_pool_compiles(small_request: SweepRequest, monkeypatch
         def on_end(self, event: object) -> None:
             ends_threads.add(threading.get_ident())
 
-    def nothing(frames, patterns, rules, fan, shares, counts, energy, changes):  # type: ignore[no-untyped-def]
+    def nothing(frames, patterns, rules, fan, shares, work, counts, energy, changes):  # type: ignore[no-untyped-def]
         counts[:] = 1
 
     monkeypatch.setattr("analysis.optics.sweep.sweep.simulate_many", numba.njit(nogil=True)(nothing))

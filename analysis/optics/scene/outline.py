@@ -50,6 +50,13 @@ class Outline:
     emitter: FloatArray  # (2, 2) its point and direction
 
 
+def laid(frame: SceneFrame, points: FloatArray) -> FloatArray:
+    """Return points (n, 2) turned so that the actuator lies along x from the emitter at 0, mm."""
+    axis = frame.emitter[2:]
+    moved = points - frame.emitter[:2]
+    return np.stack([moved @ axis, moved @ np.array([-axis[1], axis[0]])], axis=1)
+
+
 def _arc_points(start: FloatArray, middle: FloatArray, end: FloatArray) -> FloatArray:
     chord = end - start
     half = np.hypot(*chord) / 2
@@ -79,18 +86,19 @@ def _chained(surfaces: FloatArray) -> list[Contour]:
     """Join surfaces end to end; a gap (of the receiver) is closed by a line."""
     ends = np.stack([surfaces[:, 8:10], surfaces[:, 12:14]], axis=1)
     middles = np.array([_middle(row) for row in surfaces])
-    left, contours = list(range(len(surfaces))), []
-    while left:
-        chain = [(left.pop(0), 0)]
+    left, contours = np.ones(len(surfaces), dtype=bool), []
+    while left.any():
+        chain = [(int(np.argmax(left)), 0)]
+        left[chain[0][0]] = False
         for grow_back in (False, True):
-            while left:
+            while left.any():
                 surface, start = chain[0] if grow_back else chain[-1]
-                tip = ends[surface, start if grow_back else 1 - start]
-                near = [(float(np.hypot(*(ends[i, e] - tip))), i, e) for i in left for e in (0, 1)]
-                distance, i, e = min(near)
-                if distance > _JOINED_MM:
+                apart = ends - ends[surface, start if grow_back else 1 - start]
+                distance = np.where(left[:, None], np.hypot(apart[..., 0], apart[..., 1]), np.inf)
+                i, e = divmod(int(np.argmin(distance)), 2)
+                if distance[i, e] > _JOINED_MM:
                     break
-                left.remove(i)
+                left[i] = False
                 if grow_back:
                     chain.insert(0, (i, 1 - e))
                 else:

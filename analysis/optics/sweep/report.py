@@ -23,7 +23,7 @@ from matplotlib.path import Path as Outline
 from analysis import figure_style as style
 from analysis.numbers import finite
 from analysis.optics.scene.frame import SceneFrame
-from analysis.optics.scene.outline import outline
+from analysis.optics.scene.outline import laid, outline
 from analysis.optics.scene.parameters import PAPER_OPTIMUM, STEPS_MM, By, Design, Light, Waveguide
 from analysis.optics.sweep.fans import FanResult, compare_fans, count_errors
 from analysis.optics.sweep.figure_of_merit import PARTING, Merit, pareto
@@ -117,13 +117,6 @@ def save(figure: Figure, path: Path) -> None:
 
 def _figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
-
-
-def laid(frame: SceneFrame, points: FloatArray) -> FloatArray:
-    """Return points (n, 2) turned so that the actuator lies along x from the emitter at 0, mm."""
-    axis = frame.emitter[2:]
-    moved = points - frame.emitter[:2]
-    return np.stack([moved @ axis, moved @ np.array([-axis[1], axis[0]])], axis=1)
 
 
 @style.styled

@@ -163,8 +163,7 @@ def trace_design(values: Values, rays: int, face: str = "outer", *, progress: Pr
 
 
 def _scene(frame: SceneFrame, design: Design, guide: Waveguide, light: Light) -> StateScene:
-    from analysis.optics.scene.outline import outline
-    from analysis.optics.sweep.report import laid
+    from analysis.optics.scene.outline import laid, outline
     from analysis.optics.tracer.simulation import ray_paths
 
     shape = outline(frame, design)

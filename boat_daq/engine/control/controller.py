@@ -379,7 +379,8 @@ class Controller:
         for sensor in self.flat_line.inspect(block):
             remedy = "check its emitter, receiver and cable"
             self.board.note(MessageKind.FLAT_LINE, _constant(sensor), "warning", remedy, value=sensor)
-        full_counts = 2**self.hello.adc_bits - 1 if self.hello is not None else math.inf
+        counts = self.hello is not None and block.raw is not block.signal_mv
+        full_counts = 2**self.hello.adc_bits - 1 if self.hello is not None and counts else None
         self._effects += self._sensors.inspect(block, self.sampled_us, full_counts)
         state, goal_kpa, stopped = self.last.state, self.target_kpa, self.sequencer.state not in _RUN
         if goal_kpa is not None and self._unanswered is None:

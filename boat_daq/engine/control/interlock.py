@@ -211,29 +211,36 @@ class SensorAlarms:
         self._squares: NDArray[np.float64] | float = 0.0
         self._saturated: NDArray[np.int64] | int = 0
 
-    def inspect(self, block: Columns, now_us: int, full_counts: float) -> list[ControlEvent]:
-        """Return the alarms that begin; `now_us` never goes back, `full_counts` is the converter's highest reading."""
+    def inspect(self, block: Columns, now_us: int, full_counts: int | None) -> list[ControlEvent]:
+        """Return the alarms that begin.
+
+        `now_us` never goes back; `full_counts` is the converter's highest reading, None where the samples are signals,
+        of which neither a range nor a zero is known.
+        """
         bad = (block.flags & int(SampleFlag.IMPLAUSIBLE)) != 0
         signal = block.signal_mv[~bad] if bad.any() else block.signal_mv
         self._n += len(block)
         self._impossible += int(bad.sum())
-        self._saturated = self._saturated + (block.raw >= full_counts).sum(axis=0)
-        self._sum, self._squares = self._sum + signal.sum(axis=0), self._squares + (signal**2).sum(axis=0)
+        if full_counts is not None:
+            self._saturated = self._saturated + (block.raw >= full_counts).sum(axis=0)
+            self._sum, self._squares = self._sum + signal.sum(axis=0), self._squares + (signal**2).sum(axis=0)
         if now_us - self._since_us < WINDOW_US or self._n < FLAT_SAMPLES:
             return []
-        found = {event.text: event for event in self._alarms()}
+        found = {event.text: event for event in self._alarms(counts=full_counts is not None)}
         new = [event for text, event in found.items() if text not in self.present]
         self.present = found
         self._begin(now_us)
         return new
 
-    def _alarms(self) -> Iterator[ControlEvent]:
+    def _alarms(self, *, counts: bool) -> Iterator[ControlEvent]:
         least, good = BAD_SHARE * self._n, max(self._n - self._impossible, 1)
         if self._impossible > least:
             text = "samples with impossible values arrive, and are left out"
             yield ControlEvent(
                 MessageKind.IMPLAUSIBLE, text, "warning", "check the sensors, their cables and the board"
             )
+        if not counts:
+            return
         mean = np.asarray(self._sum) / good
         silent = mean**2 <= np.asarray(self._squares) / good - mean**2  # the mean is within the standard deviation
         for i in np.flatnonzero(silent & (self._impossible <= least)).tolist():

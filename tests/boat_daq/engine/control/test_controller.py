@@ -298,7 +298,7 @@ def test_manual_pressure() -> None:
     rig.run(2.0)
     assert vented(rig)
     rig.running()
-    with pytest.raises(RequestError, match="while the run"):
+    with pytest.raises(RequestError, match="in state running"):
         rig.control.set_pressure(10.0)
 
 

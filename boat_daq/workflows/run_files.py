@@ -137,6 +137,7 @@ def report_runs(
     progress: Progress | None = None,
 ) -> str:
     from analysis import write_report
+    from analysis.figures.against_shadow import against_shadow
 
     parts = len(paths) + WRITING
     analyses = [
@@ -144,7 +145,9 @@ def report_runs(
         for i, path in enumerate(paths)
     ]
     setting = part_of(progress, len(paths), WRITING, parts)
-    return write_report(analyses, target, units=units, progress=setting).verdict
+    compared = len(analyses) == 1 and analyses[0].kind == "calibration"
+    shadow = against_shadow(analyses[0]) if compared else None
+    return write_report(analyses, target, shadow=shadow, units=units, progress=setting).verdict
 
 
 def import_capture(path: Path, profile: str | Path) -> Recording:

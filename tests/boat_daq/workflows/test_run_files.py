@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 from analysis import load_recording
 from boat_daq.workflows.run_files import export_calibration, export_run, report_runs
@@ -46,3 +47,9 @@ def test_report_progress_rises_through_its_parts(monkeypatch, tmp_path):
     assert report_runs(runs, target, level="draft", progress=progress) == "PASSES"
     assert seen == [0.125, 0.25, 0.375, 0.5, 0.75, 1.0]
     assert levels == ["draft", "draft"]
+    written = Mock()  # one calibration run is compared with the shadow, as by the command
+    monkeypatch.setattr("analysis.write_report", written)
+    monkeypatch.setattr("analysis.figures.pipeline.analyse", in_steps(SimpleNamespace(kind="calibration")))
+    monkeypatch.setattr("analysis.figures.against_shadow.against_shadow", lambda _: "shadow")
+    report_runs(runs[:1], target, progress=progress)
+    assert written.call_args.kwargs["shadow"] == "shadow"

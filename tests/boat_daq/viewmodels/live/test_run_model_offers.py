@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from unittest.mock import Mock
 
 import pytest
 
@@ -10,7 +11,7 @@ from boat_daq.engine.plan import StepMark, built_in_plans
 from boat_daq.engine.recording.resumption import BrokenRun
 from boat_daq.engine.snapshot import LinkState, RunEnding, SessionState
 from boat_daq.viewmodels.common.services import UndoHistory
-from boat_daq.viewmodels.live.run_model import ResumeRun
+from boat_daq.viewmodels.live.run_model import ResumeRun, RunModel
 from boat_daq.viewmodels.live.sequence import SequenceModel
 from protocol.base.errors import RequestError
 from protocol.recording import RunEnd
@@ -132,3 +133,17 @@ def test_closed_run_resumes_only_on_a_free_board(tmp_path, closed):
     model.resume(closed)
     assert session.calls == ["resume_recording", "arm"]
     assert "resumes at cycle 3: press Start" in notices.current().cause
+
+
+def test_a_refused_first_pressure_deletes_the_recording_of_its_run(tmp_path, monkeypatch):
+    """A file with nothing in it stayed; one that the operator had begun is kept."""
+    path, session = tmp_path / "run.boat", Mock()
+    run = RunModel(session, *[Mock() for _ in range(7)])
+    monkeypatch.setattr(RunModel, "record", lambda self: path)
+    for begun_before in (True, False):
+        path.touch()
+        session.snapshot.return_value = dataclasses.replace(connected(), recording=path if begun_before else None)
+        run.press("start")
+        run.services.notices.attempt.call_args.args[0]()
+        run.follow(dataclasses.replace(connected(), recording=path, refused_first=True))
+        assert path.exists() is begun_before

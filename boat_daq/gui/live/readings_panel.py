@@ -57,7 +57,7 @@ class ReadingBar(QFrame):
         self.simulated = controls.button(
             "Simulate", run.read_grid, tip="Take the elongation of the simulated unit (F2)"
         )
-        self.all = QCheckBox("Simulate all")
+        self.all = QCheckBox("Always")
         self.all.setToolTip("Simulate the reading at every plateau")
         self.all.setAccessibleName("Simulate the reading at every plateau")
         self.all.clicked.connect(run.toggle_read_all)
@@ -165,7 +165,7 @@ class ReadingBar(QFrame):
         self.lines.setContentsMargins(style.CARD_PADDING, upright, style.CARD_PADDING, upright)
         way = QBoxLayout.Direction.TopToBottom if narrow else QBoxLayout.Direction.LeftToRight
         self.lines.setDirection(way)
-        self.question.setMinimumWidth(0 if narrow else style.QUESTION_LEAST - 3 * style.STEP)
+        self.question.setMinimumWidth(0 if narrow else style.QUESTION_LEAST - 10 * style.STEP)
         self.question.setMaximumWidth(style.UNLIMITED if narrow else 2 * style.QUESTION_LEAST)
         self._fit()
 

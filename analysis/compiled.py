@@ -31,7 +31,7 @@ import numba
 import numba.extending
 import numpy as np
 import platformdirs
-from numba.core import cgutils, codegen, compiler, event, typed_passes, untyped_passes
+from numba.core import cgutils, codegen, compiler, event
 
 from analysis.progress import show_compiled
 
@@ -170,16 +170,6 @@ def compiled_reassociating(function: Function) -> Function:
     return _cached(function, fastmath={"contract", "reassoc"})
 
 
-_NEEDLESS = {
-    untyped_passes.InlineClosureLikes,
-    untyped_passes.RewriteSemanticConstants,
-    untyped_passes.GenericRewrites,
-    untyped_passes.LiteralPropagationSubPipelinePass,
-    typed_passes.InlineOverloads,
-    typed_passes.NopythonRewrites,
-}
-
-
 class _Linked(codegen.JITCodeLibrary):
     """Code of a function without an entry: its callers optimise it and translate it, in place of its own library."""
 
@@ -205,13 +195,6 @@ class _LinkedCompiler(compiler.Compiler):
     def __init__(self, typing_context: Any, target_context: Any, _: None, *others: Any) -> None:
         library = cast(Any, _Linked)(target_context.codegen(), "linked")
         cast(Any, super()).__init__(typing_context, target_context, library, *others)
-
-    def define_pipelines(self) -> Any:
-        """Leave out the passes that find nothing in loops over numbers."""
-        pipelines: Any = cast(Any, super()).define_pipelines()
-        for each in pipelines:
-            each.passes = [step for step in each.passes if step[0] not in _NEEDLESS]
-        return pipelines
 
 
 def inside(function: Function, **options: Any) -> Function:

@@ -11,7 +11,7 @@ from protocol.base.errors import RequestError
 from protocol.base.optional import optional
 
 CONNECT_S = 10.0
-SILENT_S = 300  # a scheduler on a busy computer reads its first tasks for longer than Dask's 30 s
+_SILENT_S = 300  # a scheduler on a busy computer reads its first tasks for longer than Dask's 30 s
 
 
 def check_scheduler(address: str, *, allow_remote: bool) -> None:
@@ -35,7 +35,7 @@ def connect(address: str) -> Any:
     """Return a client of the Dask scheduler at an address. RequestError: Dask is missing, or no scheduler answers."""
     library = optional("distributed")
     try:
-        with import_module("dask").config.set({"distributed.comm.timeouts.tcp": f"{SILENT_S}s"}):
+        with import_module("dask").config.set({"distributed.comm.timeouts.tcp": f"{_SILENT_S}s"}):
             return library.Client(address, timeout=CONNECT_S)
     except (OSError, TimeoutError, ValueError) as error:
         remedy = "start one with `dask scheduler` and give its address, as tcp://HOST:8786"

@@ -31,7 +31,7 @@ import numba
 import numba.extending
 import numpy as np
 import platformdirs
-from numba.core import cgutils, codegen, compiler, event
+from numba.core import cgutils, event
 
 from analysis.progress import show_compiled
 
@@ -170,40 +170,12 @@ def compiled_reassociating(function: Function) -> Function:
     return _cached(function, fastmath={"contract", "reassoc"})
 
 
-class _Linked(codegen.JITCodeLibrary):
-    """Code of a function without an entry: its callers optimise it and translate it, in place of its own library."""
-
-    def _optimize_final_module(self) -> None:
-        pass
-
-    def _finalize_final_module(self) -> None:
-        self._finalized = True
-
-    def get_pointer_to_function(self, _: str) -> int:
-        cast(Any, self)._ensure_finalized()
-        return 0
-
-    @property
-    def codegen(self) -> Any:
-        return self
-
-    def set_env(self, *_: Any) -> None:
-        """Leave the environment of its machine code: it has none."""
-
-
-class _LinkedCompiler(compiler.Compiler):
-    def __init__(self, typing_context: Any, target_context: Any, _: None, *others: Any) -> None:
-        library = cast(Any, _Linked)(target_context.codegen(), "linked")
-        cast(Any, super()).__init__(typing_context, target_context, library, *others)
-
-
 def inside(function: Function, **options: Any) -> Function:
     """As `compiled`, for what compiled functions alone call: without an entry from Python, which takes long to compile.
 
     Its machine code is kept in that of its callers. To call it from Python would end the process.
     """
     without_entry: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    without_entry["pipeline_class"] = _LinkedCompiler
     jit: Any = numba.njit(nogil=True, error_model="numpy", **without_entry, **options)
     return cast(Function, _noted(jit(function)))
 

@@ -136,6 +136,8 @@ class MeritMap:
         for side in ("left", "bottom"):
             self.item.getAxis(side).setTicks([marks[1::2], [(at, "") for at, _ in marks]])
         self.item.setRange(xRange=(0, len(STEPS_MM)), yRange=(0, len(STEPS_MM)), padding=0)
+        box = self.item.getViewBox()
+        box.setFlag(box.GraphicsItemFlag.ItemClipsChildrenToShape, False)  # marks in the outer cells are whole
 
     def clicked(self, event: Any, cavities: int) -> None:
         box = self.item.getViewBox()

@@ -55,7 +55,10 @@ class ConnectPanel(QDialog):
         for i, (text, control) in enumerate(
             (("Port", self.port), ("Unit", self.unit), ("Other firmware", self.profile))
         ):
-            grid.addWidget(controls.label(text), i, 0, top if control is self.profile else Qt.AlignmentFlag(0))
+            name = controls.label(text)
+            grid.addWidget(name, i, 0, top if control is self.profile else Qt.AlignmentFlag(0))
+            if control is self.profile:  # level with its first line
+                name.setFixedHeight(style.CONTROL_HEIGHT)
             grid.addWidget(control, i, 1, top if control is self.profile else Qt.AlignmentFlag(0))
             if control is self.port:  # in its place in the order of Tab
                 grid.addWidget(controls.button("Rescan", self.rescan), i, 2)

@@ -33,7 +33,10 @@ class MetadataForm(FormDialog):
         self.free.setAccessibleName("Fields of your own")
         self.free.setAcceptDrops(False)
         rows = [(labels[key], field, "") for key, field in self.fields.items()]
-        form = controls.form([*rows, ("Fields of your own", self.free, "")])
+        name = controls.label("Fields of your own")
+        name.setFixedHeight(style.CONTROL_HEIGHT)  # level with its first line
+        form = controls.form([*rows, (name, self.free, "")])
+        form.setAlignment(name, Qt.AlignmentFlag.AlignTop)
         form.setColumnStretch(0, 0)  # the names are short; the texts take the rest
         form.setColumnStretch(1, 1)
         buttons = controls.row(

@@ -188,7 +188,7 @@ def run(window: MainWindow) -> list[Command]:
 
     def button(text: str, keys: str, key: str, also: str = "", menu: str = "Run") -> Command:
         def allowed() -> bool:
-            return key in model.sequence.allowed(model.snapshot)
+            return key in model.sequence.allowed(model.run.snapshot)  # now: F6 may follow F5 at once
 
         def why() -> str:
             return NOT_NOW[key] if model.snapshot.can_command else UNCONNECTED

@@ -135,6 +135,7 @@ def with_holes(columns: Columns) -> Columns:
 class LiveModel:
     ring: Callable[[], RingBuffer | None]
     inverse: Inverse | None = None
+    loading: bool = False  # the calibration that will give it
     prediction: LivePrediction | None = None
     window_s: float = 60.0
     cursors_s: dict[str, float] = field(default_factory=dict)  # "a", "b"
@@ -382,7 +383,7 @@ class LiveModel:
     def _elongation_text(self, means: FloatArray) -> tuple[str, str, str]:
         """Return the elongation, its band or why there is none, and the same for a narrow window."""
         if self.inverse is None:
-            return NOTHING, "", ""
+            return (NOTHING, "loading", "loading") if self.loading else (NOTHING, "", "")
         found = self.inverse(means)
         if not math.isfinite(found.mm[0]):
             return NOTHING, "\u25b2 out of range", "\u25b2 range"

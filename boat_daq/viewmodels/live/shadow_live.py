@@ -73,7 +73,7 @@ BEYOND_KPA = 1.0
 class Moment:
     """The current measurement: pressure (kPa), elongation and U (k = 2, mm); NaN where unknown.
 
-    `disagree` marks two sensors that contradict each other.
+    `disagree` marks two sensors that contradict each other, `loading` a calibration that is not loaded yet.
     """
 
     pressure: float = math.nan
@@ -81,6 +81,7 @@ class Moment:
     expanded: float = math.nan
     calibrated: bool = False
     disagree: bool = False
+    loading: bool = False
 
     @property
     def visible(self) -> tuple[object, ...]:
@@ -174,7 +175,7 @@ class ShadowLive:
             return Moment(calibrated=inverse is not None)
         pressure = means["pressure_kpa"]
         if inverse is None:
-            return Moment(pressure)
+            return Moment(pressure, loading=self._live.loading)
         found = inverse(signals(means))
         return Moment(pressure, float(found.mm[0]), float(found.expanded_mm[0]), True, bool(found.disagree[0]))
 
@@ -286,6 +287,8 @@ def _measured_lines(now: Moment, units: ShownUnits) -> tuple[tuple[str, str, str
     text, state = "no calibration: model shown", ""
     if math.isfinite(now.measured):
         text = in_units(units, "mm", now.measured, 2, band=now.expanded)
+    elif now.loading:
+        text = "loading the calibration \u2026"
     elif now.calibrated:
         text, state = "\u25b2 outside the calibration", "warning"
     return (("Measured", text, state), ("Pressure", in_units(units, "kPa", now.pressure, 1), ""))

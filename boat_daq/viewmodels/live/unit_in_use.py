@@ -76,6 +76,7 @@ class UnitInUse:
             self._followed = followed
             self.use(None)  # first: that of another board is not shown where this one cannot be read
             self.use(newest_calibration(units, name), units)
+        self._live.loading = bool(self.preparation.pending)
         ready = self.preparation.take()
         if ready is not None:
             self._live.inverse = self.conversion = ready

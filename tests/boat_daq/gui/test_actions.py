@@ -40,6 +40,16 @@ def test_unavailable_command_is_greyed_and_says_why(live):
     assert silent == []
 
 
+def test_start_may_follow_arm_at_once(make):
+    """Start was refused until the window had seen the session again."""
+    session = RecordedSession(connected(), filled_ring(10.0))
+    window = make(session)
+    window.refresh()
+    session.change(state=SessionState.ARMED)
+    run_shortcut(window, "F6")
+    assert session.calls[-1] == "start"
+
+
 def test_a_session_by_keys_alone(make):
     """Arm, start, reading, skip, undo, page and pause, each by its key; no mouse."""
     session = RecordedSession(connected(), filled_ring(10.0))

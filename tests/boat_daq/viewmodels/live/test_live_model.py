@@ -155,6 +155,12 @@ def test_elongation_outside_the_range_is_not_shown(ring):
     assert (head.elongation, head.band) == ("\u2013", "\u25b2 out of range")
 
 
+def test_elongation_says_that_its_calibration_is_loading(ring):
+    """A dash alone beside "calibrated" in the header said nothing."""
+    head = LiveModel(lambda: ring, loading=True).headline(connected())
+    assert (head.elongation, head.band) == ("\u2013", "loading")
+
+
 @given(st.floats(1.0, 3600.0), st.integers(200, 3000), st.floats(0.0, 100.0))
 def test_frame_interval_follows_the_visible_motion(window_s, width, cost_ms):
     """The frame interval is at least 60 a second and never slower than a byte may take to its pixel."""

@@ -59,6 +59,12 @@ def test_nominal_actuator_is_drawn_without_a_calibration(ring, model):
     assert picture.corners[..., 1].max() == pytest.approx(75.0 + picture.nominal_mm, abs=0.02)
 
 
+def test_calibration_that_is_loading_is_not_missing(ring, model):
+    pane = pane_on(ring, model, None)
+    pane._live.loading = True
+    assert pane.lines()[0][1] == "loading the calibration \u2026"
+
+
 def test_state_outside_the_table_is_reported(ring, model):
     """No full solution is made in a frame; the pane reports that it cannot show this."""
 

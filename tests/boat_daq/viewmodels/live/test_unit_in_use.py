@@ -42,11 +42,12 @@ def test_calibration_of_the_virtual_unit_is_not_used_on_a_real_board(tmp_path, r
     unit, virtual = UnitInUse(units, SimpleNamespace(unit="SA1"), live), connected()
     real = dataclasses.replace(virtual, simulated=False)
     unit.follow(virtual, 0)
+    assert live.loading
     until(lambda: (unit.follow(virtual, 0), unit.conversion)[1] is not None)
     assert live.inverse is not None
     assert "calibrated" in unit.text(virtual)
     unit.follow(real, 0)
-    assert (unit.conversion, live.inverse) == (None, None)
+    assert (unit.conversion, live.inverse, live.loading) == (None, None, False)
     assert "not calibrated" in unit.text(real)
     units.add_calibration("SA1", content | {"simulated": False})
     unit.follow(real, 0)  # a command accepted it

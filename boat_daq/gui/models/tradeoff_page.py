@@ -96,6 +96,7 @@ LEAST_DECADES = 1.0  # so that timing noise looks small
 LABEL_SHARE = 0.01  # of the width, where a text about a line begins: at the left, where points are few
 _ANCHORS = (-0.15, 1.0), (-0.15, 0.0), (1.15, 1.0), (1.15, 0.0)  # of a number at its point, the best first
 _REACHES, _APART = (0.35, 0.2), (0.3, 0.13)  # decades of time and of error: to its middle, and to what it would cover
+_LINE_APART = 0.07  # decades of error from the middle of a number to the line of what is sufficient
 
 
 class OverviewCard(PlotCard):
@@ -157,13 +158,15 @@ def framed(values: FloatArray) -> tuple[float, float]:
 
 
 def placed_numbers(places: dict[str, tuple[float, float]]) -> list[list[tuple[float, float, str]]]:
-    """Return the numbers for each anchor: each beside its point, where it covers no other point or number."""
+    """Return the numbers for each anchor: each beside its point, where it covers no line, other point or number."""
     placed: list[list[tuple[float, float, str]]] = [[] for _ in _ANCHORS]
     taken = [*places.values()]
+    sufficient = math.log10(100.0 / MARGIN)
     for name, (x, y) in sorted(places.items(), key=lambda place: place[1]):
         middles = [(x + _REACHES[0] * (0.5 - right), y + _REACHES[1] * (top - 0.5)) for right, top in _ANCHORS]
         free = [
-            all(abs(at[0] - u) > _APART[0] or abs(at[1] - v) > _APART[1] for u, v in taken if (u, v) != (x, y))
+            abs(at[1] - sufficient) > _LINE_APART
+            and all(abs(at[0] - u) > _APART[0] or abs(at[1] - v) > _APART[1] for u, v in taken if (u, v) != (x, y))
             for at in middles
         ]
         best = free.index(True) if any(free) else 0

@@ -110,14 +110,9 @@ class CameraPanel(QWidget):
         self.line = controls.label("", "small")
         self.warning = controls.label("", "small", name="Why the camera gives no elongation", wrap=True)
         self.help = controls.label(HELP, "muted", wrap=True)
-        asked = controls.row(controls.label("Camera", "muted"), (self.source, 1), spacing=style.STEP)
+        asked = controls.row(controls.label("Camera", "muted"), (self.source, 1))
         marks = controls.row(
-            controls.label("Marks", "muted"),
-            self.mark,
-            controls.label("mm", "muted"),
-            None,
-            self.button,
-            spacing=style.STEP,
+            controls.label("Marks", "muted"), self.mark, controls.label("mm", "muted"), None, self.button
         )
         values = controls.row(self.value, self.u, (self.warning, 1), spacing=style.STEP)
         for text in (self.value, self.u, self.warning):

@@ -204,6 +204,7 @@ class LivePage(QWidget):
         self._before = 0  # the tab shown before the statistics
         self.between.setStyleSheet(f"font-size: {style.FONT_NARROW}px;")
         self.between.setAlignment(Qt.AlignmentFlag.AlignTop)
+        self.between.setContentsMargins(0, style.GAP, 0, 0)
         self.sequence = SequencePanel(run, services.notices)
         self.reading = ReadingBar(run, services)
         self.pane = self._pane(shadow, camera)

@@ -172,7 +172,7 @@ class ShadowView(QWidget):
     def _pen(
         self, painter: QPainter, colour: str, width: float, pen_style: Qt.PenStyle = Qt.PenStyle.SolidLine
     ) -> None:
-        pen = QPen(QColor(colour), width, pen_style)
+        pen = QPen(QColor(colour), width * self.devicePixelRatioF(), pen_style)
         pen.setCosmetic(True)
         painter.setPen(pen)
 

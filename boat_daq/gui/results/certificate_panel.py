@@ -40,7 +40,8 @@ class CertificatePanel(FormDialog):
         self.area.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.area.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOn)  # its width is that of the pages
         self.area.setAccessibleName("Pages of the certificate")
-        self.area.setWidget(controls.inside(self.stack))
+        self.pages = controls.inside(self.stack)
+        self.area.setWidget(self.pages)
         self.update_button = controls.button("Show pages", self._show, tip="Store what is entered and show the pages")
         self.write = controls.button("Save PDF and XML \u2026", self._write, "primary")
         buttons = controls.row(controls.button("Close", self.close), None, self.update_button, self.write)
@@ -92,6 +93,8 @@ class CertificatePanel(FormDialog):
             page.setFixedSize(pixmap.deviceIndependentSize().toSize())  # else pages share the height of the window
             page.setAccessibleName(f"Page {number} of {len(model.pages)}")
             self.stack.addWidget(page, 0, Qt.AlignmentFlag.AlignHCenter)
+            page.show()  # now: a page shown later by Qt lies over the others for a while
+        self.pages.setMinimumHeight(self.stack.minimumSize().height())
 
     def _show(self) -> None:
         texts = [{key: field.text() for key, field in part.items()} for part in (self.metadata, self.laboratory)]

@@ -69,6 +69,8 @@ def test_certificate_requests_what_is_missing_once_and_shows_its_pages(live, run
     jobs.end(("K-7", [PIXEL, PIXEL]))
     first._follow()
     assert first.outcome.text() == "No. K-7"
+    least = sum(first.stack.itemAt(i).widget().height() for i in range(2))
+    assert first.pages.height() >= least  # at once: else the pages lie over each other for a while
     QTest.qWait(0)
     pages = [first.stack.itemAt(i).widget() for i in range(first.stack.count())]
     assert len(pages) == 2

@@ -172,7 +172,7 @@ class RecordingFile:
         """Detect a disk that is nearly full, while the file can still be closed."""
         free = shutil.disk_usage(self.path.parent).free
         if free < SPACE_FLOOR_BYTES:
-            raise StorageError(f"the disk of {self.path.parent} has only {free / 1e6:.0f} MB left", "Free disk space.")
+            raise StorageError(f"the disk of {self.path.parent} has only {free / 1e6:.1f} MB left", "Free disk space.")
 
     def close(self, *, check: bool = True) -> bool:
         """Close into one checked file. False where another program has it open, so that -wal stays beside it."""

@@ -299,8 +299,7 @@ def _item(
         remedy = "Correct it, leave it out, or confirm it with a reason."
         raise DataError(f"{recording.source or 'the run'} has {check}", remedy)
     if all(sensor.void for sensor in sensors):
-        why = sensors[0].void.partition(": run ")[0]  # the remedy says it
-        cause = f"{recording.source or 'the run'} has no calibration to certify: {why}"
+        cause = f"{recording.source or 'the run'} has no calibration to certify: {sensors[0].void}"
         if any(
             one.calibration is not None and signal_parts(analysis, i).void for i, one in enumerate(analysis.sensors)
         ):

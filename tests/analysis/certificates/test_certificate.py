@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,9 +10,7 @@ import pytest
 from analysis import Analysis
 from analysis.calibration.adequacy import CurveVerdict
 from analysis.calibration.record import CalibrationRecord, SensorRecord
-from analysis.calibration.type_b import ONE_CYCLE
-from analysis.certificates import certificate
-from analysis.certificates.certificate import CalibratedSensor, Request, certificate_of, missing
+from analysis.certificates.certificate import Request, certificate_of, missing
 from protocol.base.errors import BoatDaqError, DataError, RequestError
 from tests.analysis.certificates.conftest import REQUEST, with_meta
 
@@ -57,15 +54,6 @@ def test_run_without_calibration_is_refused(calibration: Analysis) -> None:
     sensors = tuple(replace(one, calibration=None, calibration_void="no readings") for one in calibration.sensors)
     with pytest.raises(DataError, match="no calibration to certify: not calibrated: no readings"):
         certificate_of([replace(calibration, sensors=sensors)], REQUEST)
-
-
-def test_refusal_of_one_cycle_says_its_remedy_once(calibration: Analysis, monkeypatch: pytest.MonkeyPatch) -> None:
-    void = CalibratedSensor("s1", f"its U is not known: {ONE_CYCLE}")
-    monkeypatch.setattr(certificate, "_sensor", lambda *_: void)
-    monkeypatch.setattr(certificate, "signal_parts", lambda *_: SimpleNamespace(void=ONE_CYCLE))
-    with pytest.raises(DataError, match=r"one cycle gives no uncertainty$") as refused:
-        certificate_of([calibration], REQUEST)
-    assert "Run two cycles" in refused.value.remedy
 
 
 @pytest.mark.parametrize("request_", [replace(REQUEST, issued="soon"), replace(REQUEST, limits={"beauty": 1.0})])

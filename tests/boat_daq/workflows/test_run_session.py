@@ -128,7 +128,7 @@ def test_residual_pressure_is_vented_before_the_run(tmp_path: Path, capsys: pyte
         ({"speed": 30.0}, "times real time"),
         ({"faults": ("estop@0:1000",)}, "e-stop"),
         ({"faults": ("pressure_invalid@0:1000",)}, "pressure sensor"),
-        ({"faults": ("silent@0.3:0",)}, "the board "),
+        ({"faults": ("silent@0.1:0",)}, "the board "),
         ({"faults": ("ack_refused@0:3",)}, "refused SET_PRESSURE"),
     ),
 )

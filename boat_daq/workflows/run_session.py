@@ -237,17 +237,21 @@ def _follow(
             enough.follow(seen)
             if seen.state in _ENDED or seen.link in (LinkState.LOST, LinkState.FAILED, LinkState.CLOSED):
                 break
-    if seen.refused_first or (plan.controls_elongation and not session.steps()):
+    if _was_refused(session, plan):
         told = [message for message in seen.messages if message.level == "error"]
         cause, remedy = (told[-1].cause, told[-1].remedy) if told else ("it was vented before it began", "")
         raise DeviceError(f"the elongation was not controlled: {cause}" if plan.controls_elongation else cause, remedy)
+
+
+def _was_refused(session: Session, plan: Plan) -> bool:
+    return session.snapshot().refused_first or (plan.controls_elongation and not session.steps())
 
 
 def _may_go(session: Session, request: SessionRequest) -> bool:
     """Return whether the recording of a refused run is this session's own, and holds nothing that was measured."""
     seen, plan = session.snapshot(), request.plan
     own = request.broken is None and seen.recording == request.path
-    return own and plan is not None and (seen.refused_first or (plan.controls_elongation and not session.steps()))
+    return own and plan is not None and _was_refused(session, plan)
 
 
 def _listen(session: Session, duration_s: float | None, notify: Notify, progress_bar: ProgressBar) -> None:

@@ -5,7 +5,6 @@ The strip shows the most severe notice with its remedy and action, and the runni
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -14,7 +13,7 @@ from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication, QResizeEvent
 from PySide6.QtWidgets import QButtonGroup, QPlainTextEdit, QProgressBar, QPushButton, QSizePolicy, QWidget
 
-from boat_daq.engine.snapshot import SessionSnapshot
+from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.file_dialogs import open_folder, open_path
@@ -23,11 +22,10 @@ from boat_daq.viewmodels.common.services import Page, Panel, Services
 from boat_daq.viewmodels.live.connection import ConnectionModel, link_text
 from boat_daq.viewmodels.live.outlets import OutletsModel
 from boat_daq.viewmodels.live.recording_status import RecordingStatus, RecordingText
-from boat_daq.viewmodels.live.unit_in_use import UnitInUse
+from boat_daq.viewmodels.live.unit_in_use import UnitInUse, UnitText
 from boat_daq.workflows.jobs import JobRunner
 
 _FIGURES = 4
-SEPARATOR = "  \u00b7  "
 _CHOOSE = "Choose the port (Ctrl+K)"
 
 
@@ -57,21 +55,25 @@ class Header(QWidget):
         self.setFixedHeight(style.HEADER_HEIGHT)
         self.simulated = controls.label("SIMULATED", "simulated", name="This board is simulated")
         self.link = controls.button("", partial(services.show, Panel.CONNECT), name="Connection", tip=_CHOOSE)
+        self.pressure = controls.label(name="Pressure now")
+        self.pressure.hide()
         self.figures = [controls.label("", "muted") for _ in range(_FIGURES)]
         self.unit = controls.button("", partial(services.show, Page.RECORDINGS), name="Unit and calibration")
         show_outlets = partial(services.show, Panel.OUTLETS)
         self.outlets = controls.button("", show_outlets, "outlets", name="Streams and remote control")
         self.outlets.hide()
         self._open_outlets = outlets.view()
-        self._unit_text, self._links = "", ("", "")  # the second without the board's name
+        self._unit_text = UnitText("", "", "")
+        self._links = ("", "", "")  # whole, without the board's name, the sign alone
         self._lengths: tuple[object, ...] = ()
-        self._short = 0  # 1: without the recording's size and the outlets' names; 2: nor the board's, outlets a sign
+        # 1: without the recording's size and the outlets' names; 2: nor the board's, outlets a sign; 3: link, too
+        self._short = 0
         self.vent = vent_button(vents.this)
         name = "Vent the actuators of all windows now"
         self.vent_all = _pressed_button("ALL   Shift+F4", "vent-all", name, vents.all)
         self.vent_all.hide()
         self.brand = controls.label("boat-daq", "brand")
-        left = (self.brand, self.simulated, self.link, *self.figures)
+        left = (self.brand, self.simulated, self.link, self.pressure, *self.figures)
         ends = (style.PAGE_MARGIN, 0, style.PAGE_MARGIN, 0)
         record = self.recording.badge, self.recording.button
         self.line = controls.row(
@@ -99,7 +101,8 @@ class Header(QWidget):
         """Leave out what does not fit; the tooltips of link and unit still show it.
 
         The order: the program's name (it is in the title), size and disk of the recording, the outlets, the date of the
-        calibration, link figures without a warning from the last on, the calibration, the board's name, all figures.
+        calibration, link figures without a warning from the last on, the calibration, the board's name, all figures,
+        the disk's free space and the word of the link: never the pressure.
         """
         wide = self.width() >= style.NARROW_BELOW
         controls.set_text(self.vent_all, "ALL   Shift+F4" if wide else "ALL")
@@ -107,14 +110,12 @@ class Header(QWidget):
         self._fold()
         shown = [label for label in self.figures if label.text()]
         left = [label for label in reversed(shown) if not label.property("state")]
-        unit, _, calibration = self._unit_text.partition(SEPARATOR)
-        undated = re.sub(r" \d[\d-]+", "", calibration)
-        names = [self._unit_text, SEPARATOR.join((unit, undated)), unit]
+        names = list(self._unit_text)
         widths = {name: self.unit.fontMetrics().horizontalAdvance(name) for name in names}
         around = self.unit.sizeHint().width() - self.unit.fontMetrics().horizontalAdvance(self.unit.text())
         record = self.recording.badge, self.recording.button
         buttons = (self.link, self.vent, self.vent_all, self.outlets)
-        fixed = (self.simulated, *buttons, *record, *([self.brand] if wide else []))
+        fixed = (self.simulated, self.pressure, *buttons, *record, *([self.brand] if wide else []))
 
         def fixed_width() -> int:
             return self._needed([w for w in fixed if w is self.brand or not w.isHidden()]) + around
@@ -124,20 +125,22 @@ class Header(QWidget):
         def too_wide() -> bool:
             return needed + self._needed(shown, 0) + widths[names[0]] > self.width()
 
-        if too_wide():
-            self._short = 1
-            self._fold()
-            needed = fixed_width()
+        def shorten(level: int) -> None:
+            nonlocal needed
+            if too_wide():
+                self._short = level
+                self._fold()
+                needed = fixed_width()
+
+        shorten(1)
         names = names[too_wide() :]
         while left and too_wide():
             shown.remove(left.pop(0))
         names = names[-1:] if too_wide() else names
-        if too_wide():
-            self._short = 2
-            self._fold()
-            needed = fixed_width()
+        shorten(2)
         if too_wide():
             shown.clear()
+        shorten(3)
         self.brand.setVisible(wide)
         for label in self.figures:
             label.setVisible(label in shown)
@@ -145,11 +148,11 @@ class Header(QWidget):
 
     def _fold(self) -> None:
         """Show link, recording and outlets as short as they must be."""
-        self.recording.fold(short=self._short > 0)
-        controls.set_text(self.link, self._links[self._short == 2])
+        self.recording.fold(self._short)
+        controls.set_text(self.link, self._links[max(0, self._short - 1)])
         outlets = self._open_outlets
-        controls.set_text(self.outlets, (outlets.badge, outlets.short, "\u21c4")[self._short])
-        controls.set_state(self.outlets, "sign" if self._short == 2 else "", "fold")
+        controls.set_text(self.outlets, (outlets.badge, outlets.short, "\u21c4", "\u21c4")[self._short])
+        controls.set_state(self.outlets, "sign" if self._short >= 2 else "", "fold")
 
     def _needed(self, shown: Sequence[QWidget], around: int = 1) -> int:
         """Return the width of `shown`, a space after each, and `around` times the margins and one space."""
@@ -157,7 +160,8 @@ class Header(QWidget):
         ends = around * (margins.left() + margins.right() + space)
         return sum(widget.sizeHint().width() + space for widget in shown) + ends
 
-    def refresh(self, snapshot: SessionSnapshot) -> None:
+    def refresh(self, snapshot: SessionSnapshot, pressure: str = "") -> None:
+        """Show the state of the session; `pressure` is what the page does not show of it."""
         others = self._vents.others()
         if bool(others) is self.vent_all.isHidden():
             self.vent_all.setVisible(bool(others))
@@ -168,23 +172,28 @@ class Header(QWidget):
         words = text.word if not text.who else f"{text.who}  {text.word}"
         starting = "\u25d4  starting the virtual board \u2026"
         whole = starting if self.connection.starting else f"{text.shape}  {words}"
-        self._links = whole, whole if self.connection.starting else f"{text.shape}  {text.word.partition(',')[0]}"
+        short = whole if self.connection.starting else f"{text.shape}  {text.word.partition(',')[0]}"
+        self._links = whole, short, text.shape
         controls.set_state(self.link, text.state)
         self.simulated.setVisible(snapshot.simulated)
         for i, label in enumerate(self.figures):
             figure, state = text.figures[i] if i < len(text.figures) else ("", "")
             controls.set_text(label, figure)
             controls.set_state(label, state)
+        controls.set_text(self.pressure, pressure)
+        controls.set_state(self.pressure, "warning" if snapshot.link is not LinkState.UP else "")
+        self.pressure.setVisible(bool(pressure))
         self.recording.refresh(snapshot)
         self._refresh_outlets()
         self._unit_text = self.unit_in_use.text(snapshot)
         self.link.setToolTip("\n".join((_CHOOSE, words, *(figure for figure, _ in text.figures))))
         library = "simulated" if snapshot.simulated else "real"
-        self.unit.setToolTip(f"{self._unit_text}\nThe connected unit and its calibration as a {library} unit")
+        self.unit.setToolTip(f"{self._unit_text.whole}\nThe connected unit and its calibration as a {library} unit")
         widths = ((len(figure), state) for figure, state in text.figures)
         lengths = (
             words,
             snapshot.simulated,
+            len(pressure),
             self._unit_text,
             self._open_outlets.badge,
             *self.recording.lengths(),
@@ -425,8 +434,9 @@ class RecordingBadge:
         self.button.setAccessibleName("Stop recording" if found.text else "Record")
         self.button.setVisible(bool(found.button))
 
-    def fold(self, *, short: bool) -> None:
-        controls.set_text(self.badge, self._text.short if short else self._text.text)
+    def fold(self, short: int) -> None:
+        found = self._text
+        controls.set_text(self.badge, (found.text, found.short, found.short, found.least)[short])
 
     def lengths(self) -> tuple[object, ...]:
         """Return what the width depends on: digits have one width."""

@@ -196,7 +196,8 @@ class MainWindow(QMainWindow):
     def refresh(self) -> None:
         snapshot = self.model.tick()
         self.window_keys.watch_all()
-        self.guard.show(self.header, "The header", lambda: self.header.refresh(snapshot))
+        elsewhere = "" if self.page is Page.MEASURE else self.model.run.pressure_text(snapshot)
+        self.guard.show(self.header, "The header", lambda: self.header.refresh(snapshot, elsewhere))
         page = self.pages[self.place]
         self.guard.show(page, str(self.place), lambda: page.refresh(snapshot))
         due = snapshot.waiting_for_reading is not None and self.page is not Page.MEASURE

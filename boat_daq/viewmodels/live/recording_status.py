@@ -22,10 +22,11 @@ RECORD, STOP = "Record", "Stop"
 
 @dataclass(frozen=True, slots=True)
 class RecordingText:
-    """The badge: text, a shorter one, tooltip and state; `button` records or stops, empty where neither is possible."""
+    """The badge: three texts, tooltip and state; `button` records or stops, empty where neither is possible."""
 
     text: str = ""
     short: str = ""
+    least: str = ""
     tip: str = ""
     state: str = ""
     button: str = ""
@@ -69,9 +70,10 @@ class RecordingStatus:
             waits = f" {duration(lag_ms / 1e3)}" if lag_ms > _LOOK_S * 1e3 else ""
             short = text = f"\u25a0 NOT SAVING{waits}"
             tip = f"{sentence(snapshot.not_saving or 'the disk takes no data; they wait in memory')}\n{tip}"
-            return RecordingText(text, short, tip, "fault", button)
+            return RecordingText(text, short, short, tip, "fault", button)
         wrong = little or (health is not None and health.late)
-        return RecordingText(text, f"{short}   {left}" if little else short, tip, "warning" if wrong else "", button)
+        state = "warning" if wrong else ""
+        return RecordingText(text, f"{short}   {left}" if little else short, short, tip, state, button)
 
     def _preview(self) -> str:
         """Return the name that a recording begun now would have, where the settings have a template of it."""

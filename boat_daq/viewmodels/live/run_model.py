@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
+from boat_daq.engine.control.sequencer import VENTED_KPA
 from boat_daq.engine.file_names import check_file_name, named
 from boat_daq.engine.plan import Plan, built_in_plans, resume_point
 from boat_daq.engine.recording.resumption import BrokenRun
@@ -24,9 +25,10 @@ from boat_daq.viewmodels.live.connection import ENDED, ConnectionModel
 from boat_daq.viewmodels.live.end_at import EndAt, EndReport, uncertainty_text
 from boat_daq.viewmodels.live.live_model import LiveModel
 from boat_daq.viewmodels.live.readings import ReadingsModel
-from boat_daq.viewmodels.live.sequence import AT_REST, SequenceModel
+from boat_daq.viewmodels.live.sequence import AT_REST, SequenceModel, is_unknown
 from boat_daq.workflows.end_at_uncertainty import EnoughCycles
 from protocol.base.errors import RequestError
+from protocol.base.units import NOTHING, as_text
 from protocol.recording import RunEnd
 
 ReadInterrupted = Callable[[Path, Callable[[BrokenRun], None]], None]
@@ -243,6 +245,18 @@ class RunModel:
         self.trial.follow(snapshot)
         self.enough.follow(snapshot)
         self.end_report.follow(snapshot)
+
+    def pressure_text(self, snapshot: SessionSnapshot) -> str:
+        """Return the pressure while the unit is under it, in a run, or where it is unknown; empty at rest."""
+        last = snapshot.last
+        if not is_unknown(snapshot):
+            if last is None or snapshot.link is not LinkState.UP:
+                return ""
+            if snapshot.state not in UNDER_WAY and abs(last.pressure_kpa) < VENTED_KPA and math.isnan(last.target_kpa):
+                return ""
+            if (text := self.live.headline(snapshot).pressure) != NOTHING:
+                return f"{text} {as_text(self.live.units.shown('kPa').symbol)}"
+        return "pressure unknown"
 
     def uncertainty_text(self, snapshot: SessionSnapshot) -> str:
         """Return the uncertainty of the run, or what the last one had reached; "" where none was asked for."""

@@ -387,7 +387,7 @@ def holding_text(snapshot: SessionSnapshot, units: ShownUnits = STORED_UNITS) ->
     return f"\u25b2 Not at {goal}" if off else f"\u25cf {'Holding' if there else 'Moving to'} {goal}"
 
 
-def _is_unknown(snapshot: SessionSnapshot) -> bool:
+def is_unknown(snapshot: SessionSnapshot) -> bool:
     """Return whether a link that gave samples gives none; one that opens again is still lost."""
     return snapshot.link in UNKNOWN and (snapshot.link is not LinkState.OPENING or snapshot.last is not None)
 
@@ -395,7 +395,7 @@ def _is_unknown(snapshot: SessionSnapshot) -> bool:
 def state_text(snapshot: SessionSnapshot, units: ShownUnits = STORED_UNITS) -> str:
     """Return the run's state with its shape, e.g. `Running`, as far as it is known."""
     shape, text, _ = STATE_TEXTS[snapshot.state]
-    if _is_unknown(snapshot):
+    if is_unknown(snapshot):
         return f"\u25a0 {UNKNOWN[snapshot.link]}"
     if held := holding_text(snapshot, units):
         return held
@@ -422,7 +422,7 @@ def progress_text(snapshot: SessionSnapshot, leave_out: int = 0, units: ShownUni
     """Return cycle, step and time left in a line; `leave_out` 1 leaves out the phase, 2 the step too."""
     progress = snapshot.progress
     ended = snapshot.run_ended
-    if _is_unknown(snapshot):
+    if is_unknown(snapshot):
         return _promise(snapshot)
     if snapshot.state is SessionState.FAULT and snapshot.latched:
         return snapshot.latched  # of a held pressure, too, which no run was

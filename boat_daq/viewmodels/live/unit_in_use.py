@@ -6,6 +6,7 @@ It is prepared on a helper thread: the analysis takes a moment to load, which mu
 from __future__ import annotations
 
 from time import monotonic
+from typing import NamedTuple
 
 from analysis.calibration.record import CalibrationRecord
 from boat_daq.engine.control.elongation import Regulator
@@ -37,6 +38,14 @@ TEXTS = {  # cause and remedy
 }
 
 
+class UnitText(NamedTuple):
+    """Unit and calibration in a line, the same without its date, and the unit alone."""
+
+    whole: str
+    undated: str
+    name: str
+
+
 class UnitInUse:
     """Keeps the live conversion in step with the unit's calibration in force."""
 
@@ -50,12 +59,12 @@ class UnitInUse:
     def name(self, snapshot: SessionSnapshot) -> str:
         return snapshot.unit or self._connection.unit
 
-    def text(self, snapshot: SessionSnapshot) -> str:
-        """Return unit and calibration in a line."""
-        record = self._record
-        text = f"calibrated {record.calibrated_utc[:10]}" if record is not None else "not calibrated"
-        text += ", out of tolerance" if record is not None and record.out_of_tolerance else ""
-        return f"{self.name(snapshot)}  \u00b7  {text}"
+    def text(self, snapshot: SessionSnapshot) -> UnitText:
+        name, record = self.name(snapshot), self._record
+        start = f"{name}  \u00b7  {'not ' if record is None else ''}calibrated"
+        date = f" {record.calibrated_utc[:10]}" if record is not None else ""
+        end = ", out of tolerance" if record is not None and record.out_of_tolerance else ""
+        return UnitText(f"{start}{date}{end}", f"{start}{end}", name)
 
     @property
     def calibration_id(self) -> str:

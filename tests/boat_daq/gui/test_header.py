@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from PySide6.QtCore import Qt
@@ -13,11 +14,13 @@ from PySide6.QtWidgets import (
 from boat_daq.engine.snapshot import (
     HealthSnapshot,
     LinkState,
+    SessionState,
 )
 from boat_daq.gui.header import Vents
+from boat_daq.viewmodels.live.unit_in_use import UnitText
 from protocol.link.events import LinkStatistics
 from tests.boat_daq.gui.results.run_results import run_result
-from tests.boat_daq.gui.windows import NARROW
+from tests.boat_daq.gui.windows import CALIBRATED, NARROW
 from tests.protocol.link.streams import HELLO
 
 
@@ -44,7 +47,7 @@ def test_header_is_never_cut(live):
     assert "Delay 10.9 s" in live.header.link.toolTip()  # 10 851 ms was cut to m
     assert live.header.figures[0].text() == "99.9 Hz\u2007"  # as wide as 100.0 Hz
     live.model.session.change(health=health)
-    live.model.unit.text = lambda _: "SA1  ·  calibrated 2026-11-22"
+    live.model.unit.text = lambda _: CALIBRATED
     head = live.header
     for width in (NARROW, 960, 1280):
         live.resize(width, 533)
@@ -56,7 +59,7 @@ def test_header_is_never_cut(live):
         assert "12 lost" in [f.text() for f in head.figures if f.isVisible()], width
         assert "Delay 3 ms" in head.link.toolTip()
         assert "2026-11-22" in head.unit.toolTip()
-        assert head.unit.text() == live.model.unit.text(None)[: None if width == 1280 else -11], width
+        assert head.unit.text() == CALIBRATED[width != 1280], width
 
 
 def test_vent_acts_on_press(live):
@@ -83,7 +86,7 @@ def test_calibration_of_a_virtual_unit_is_not_shown_on_a_real_board(live):
 def test_narrow_header_does_not_cut_the_verdict_on_a_unit(live):
     """Not calibrated was cut to "not": only a date is left out."""
     live.resize(960, 533)
-    live.model.unit.text = lambda _: "SA1  \u00b7  not calibrated"
+    live.model.unit.text = lambda _: UnitText("SA1  \u00b7  not calibrated", "SA1  \u00b7  not calibrated", "SA1")
     live.refresh()
     QApplication.processEvents()
     assert live.header.unit.text() in ("SA1  \u00b7  not calibrated", "SA1")
@@ -106,6 +109,30 @@ def test_unplugged_board_leaves_nothing_that_looks_current(live):
     live.model.session.change(link=LinkState.UP)
     live.refresh()
     assert (live.header.figures[0].text(), pane.view.stale) == ("100.0 Hz", False)
+
+
+def test_pressure_is_seen_on_every_page(live):
+    """Away from Measure a held pressure was seen nowhere; of a lost link none is shown, only that it is unknown."""
+    live.go("Recordings")
+    live.refresh()
+    pressure, change = live.header.pressure, live.model.session.change
+    assert pressure.isVisible()
+    assert pressure.text() == f"{live.model.live.headline(live.model.snapshot).pressure} kPa"
+    last = live.model.snapshot.last
+    change(last=replace(last, pressure_kpa=0.1, target_kpa=math.nan))
+    live.refresh()
+    assert not pressure.isVisible()  # at rest
+    change(state=SessionState.RUNNING)
+    live.refresh()
+    assert pressure.isVisible()
+    for link in (LinkState.SILENT, LinkState.LOST, LinkState.OPENING):
+        change(link=link, state=SessionState.FAULT)
+        live.refresh()
+        assert (pressure.text(), pressure.property("state")) == ("pressure unknown", "warning")
+    change(link=LinkState.UP)
+    live.go("Measure")
+    live.refresh()
+    assert not pressure.isVisible()  # the page shows it
 
 
 def test_all_windows_are_vented_by_one_key_where_there_are_others(live):

@@ -12,7 +12,7 @@ from PySide6.QtWidgets import QApplication
 from boat_daq.engine.snapshot import HealthSnapshot, LinkState, SessionState
 from boat_daq.gui.header import Header
 from protocol.link.events import LinkStatistics
-from tests.boat_daq.gui.windows import NARROW
+from tests.boat_daq.gui.windows import CALIBRATED, NARROW
 from tests.protocol.link.streams import HELLO
 
 
@@ -62,7 +62,7 @@ def test_header_with_a_recording_is_never_cut(live, tmp_path):
             live.model.session.change(
                 hello=HELLO, health=health, recording=tmp_path / "a.boat", recorded_s=65.0, state=state
             )
-            live.model.unit.text = lambda _: "SA1  ·  calibrated 2026-11-22"
+            live.model.unit.text = lambda _: CALIBRATED
             live.refresh()
             QApplication.processEvents()
             head: Header = live.header
@@ -85,6 +85,9 @@ def test_header_of_a_full_disk_is_never_cut(live, tmp_path, monkeypatch):
     """At 853 pixels the board's name was cut on both sides, and VENT was beyond the margin."""
     monkeypatch.setattr("boat_daq.viewmodels.live.recording_status.LITTLE_SPACE", float("inf"))
     live.resize(NARROW, 600)
+    live.go("Settings")
+    pressure = live.model.live.headline(live.model.snapshot).pressure
+    live.header._vents = dataclasses.replace(live.header._vents, others=lambda: ["SA2"])
     hello = dataclasses.replace(HELLO, board_id="SIMULATED-SA1")
     for link in (LinkState.UP, LinkState.LOST):
         live.model.session.change(
@@ -93,7 +96,9 @@ def test_header_of_a_full_disk_is_never_cut(live, tmp_path, monkeypatch):
         live.refresh()
         QApplication.processEvents()
         head = live.header
-        shown = (head.simulated, head.link, head.recording.badge, head.recording.button, head.unit, head.vent)
+        record = (head.recording.badge, head.recording.button)
+        shown = (head.simulated, head.link, head.pressure, *record, head.unit, head.vent_all, head.vent)
+        assert head.pressure.text() == (f"{pressure} kPa" if link is LinkState.UP else "pressure unknown")
         for widget in (w for w in (*shown, *head.figures) if not w.isHidden()):
             assert widget.width() >= widget.sizeHint().width(), widget.text()
             assert head.rect().contains(widget.geometry()), widget.text()

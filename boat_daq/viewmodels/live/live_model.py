@@ -71,6 +71,9 @@ class Headline:
 
 @dataclass(frozen=True, slots=True)
 class Span:
+    """The statistics of a quantity between the cursors; `sensor` is 0 for any but a signal."""
+
+    sensor: int
     name: str
     unit: str
     decimals: int
@@ -85,7 +88,7 @@ class Span:
     @property
     def short(self) -> str:
         """Return a short name: number of the sensor and unit, else the unit."""
-        return f"{self.name.removeprefix('Sensor ')}, {self.unit}" if self.name.startswith("Sensor") else self.unit
+        return f"{self.sensor}, {self.unit}" if self.sensor else self.unit
 
     @property
     def cells(self) -> tuple[str, ...]:
@@ -94,7 +97,7 @@ class Span:
         return (
             f"{self.name} ({self.unit})", number(self.mean, d), number(self.sd, d + 1), number(self.low, d),
             number(self.high, d), number(self.difference, d, sign=True), number(self.slope_per_s, d + 1, sign=True),
-            f"{number(self.snr_db, 1)} dB" if self.name.startswith("Sensor") else NOTHING,
+            f"{number(self.snr_db, 1)} dB" if self.sensor else NOTHING,
         )  # fmt: skip
 
 
@@ -423,18 +426,17 @@ class LiveModel:
         if time_s.size < 2:
             return []
         sign = 1.0 if apart_s >= 0 else -1.0
-        measured: list[tuple[str, str, int, FloatArray]] = [
-            (f"Sensor {name[1:-3]}", "mV", 1, columns[name]) for name in sensor_names(columns)
-        ]
+        names = sensor_names(columns)
+        measured: list[tuple[str, str, int, FloatArray]] = [(layout_title(n), "mV", 1, columns[n]) for n in names]
         if self.inverse is not None:
             measured.append(("Elongation", "mm", 3, self.inverse(signals(columns)).mm))
         measured.append(("Pressure", "kPa", 2, columns["pressure_kpa"]))
         measured += [(c.title, c.unit, CHANNEL_DECIMALS + 1, columns[name]) for name, c in self.channels().items()]
         spans = []
-        for title, stored, decimals, values in measured:
+        for nth, (title, stored, decimals, values) in enumerate(measured, 1):
             shown = self.units.shown(stored)
-            text, places = as_text(shown.symbol), shown.decimals(decimals)
-            spans.append(_span(title, text, places, time_s, values * shown.factor + shown.offset, sign))
+            what = (nth if nth <= len(names) else 0, title, as_text(shown.symbol), shown.decimals(decimals))
+            spans.append(_span(what, time_s, values * shown.factor + shown.offset, sign))
         return spans
 
     def _samples(self, low_s: float, high_s: float) -> dict[str, FloatArray]:
@@ -462,22 +464,22 @@ def _mean(values: FloatArray) -> float:
     return float(known.mean()) if known.size else math.nan
 
 
-def _span(name: str, unit: str, decimals: int, time_s: FloatArray, values: FloatArray, sign: float) -> Span:
+def _span(what: tuple[int, str, str, int], time_s: FloatArray, values: FloatArray, sign: float) -> Span:
     """Return the statistics of one column between the cursors; `sign` is -1 where B is before A.
 
-    The difference is that of the means next to the cursors, over `HEADLINE_S` or half of the span.
+    `what` are the sensor, the name, the unit and the decimals. The difference is that of the means next to the cursors, over `HEADLINE_S` or half of the span.
     """
     keep = np.isfinite(values)
     x, y = time_s[keep] - time_s[0], values[keep]
     if y.size < 2:
-        return Span(name, unit, decimals, *([math.nan] * 7))
+        return Span(*what, *([math.nan] * 7))
     sd, mean = float(y.std(ddof=1)), float(y.mean())
     centred = x - x.mean()
     slope = float(centred @ (y - mean) / (centred @ centred)) if centred.any() else math.nan
     snr = 20 * math.log10(abs(mean) / sd) if sd > 0 and mean else math.inf
     beside = min(HEADLINE_S, (x[-1] - x[0]) / 2)
     apart = sign * float(y[x >= x[-1] - beside].mean() - y[x <= x[0] + beside].mean())
-    return Span(name, unit, decimals, mean, sd, float(y.min()), float(y.max()), slope, snr, apart)
+    return Span(*what, mean, sd, float(y.min()), float(y.max()), slope, snr, apart)
 
 
 @dataclass(frozen=True, slots=True)

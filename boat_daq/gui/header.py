@@ -22,7 +22,7 @@ from boat_daq.viewmodels.common.services import Page, Panel, Services
 from boat_daq.viewmodels.live.connection import ConnectionModel, link_text
 from boat_daq.viewmodels.live.outlets import OutletsModel
 from boat_daq.viewmodels.live.recording_status import RecordingStatus, RecordingText
-from boat_daq.viewmodels.live.unit_in_use import UnitInUse, UnitText
+from boat_daq.viewmodels.live.unit_in_use import UnitInUse, UnitLine
 from boat_daq.workflows.jobs import JobRunner
 
 _FIGURES = 4
@@ -63,7 +63,7 @@ class Header(QWidget):
         self.outlets = controls.button("", show_outlets, "outlets", name="Streams and remote control")
         self.outlets.hide()
         self._open_outlets = outlets.view()
-        self._unit_text = UnitText("", "", "")
+        self._unit_text = UnitLine("", "", "")
         self._links = ("", "", "")  # whole, without the board's name, the sign alone
         self._lengths: tuple[object, ...] = ()
         # 1: without the recording's size and the outlets' names; 2: nor the board's, outlets a sign; 3: link, too

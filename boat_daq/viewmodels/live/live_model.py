@@ -467,7 +467,8 @@ def _mean(values: FloatArray) -> float:
 def _span(what: tuple[int, str, str, int], time_s: FloatArray, values: FloatArray, sign: float) -> Span:
     """Return the statistics of one column between the cursors; `sign` is -1 where B is before A.
 
-    `what` are the sensor, the name, the unit and the decimals. The difference is that of the means next to the cursors, over `HEADLINE_S` or half of the span.
+    `what` are the sensor, the name, the unit and the decimals. The difference is that of the means next to the cursors,
+    over `HEADLINE_S` or half of the span.
     """
     keep = np.isfinite(values)
     x, y = time_s[keep] - time_s[0], values[keep]

@@ -38,7 +38,7 @@ TEXTS = {  # cause and remedy
 }
 
 
-class UnitText(NamedTuple):
+class UnitLine(NamedTuple):
     """Unit and calibration in a line, the same without its date, and the unit alone."""
 
     whole: str
@@ -59,12 +59,12 @@ class UnitInUse:
     def name(self, snapshot: SessionSnapshot) -> str:
         return snapshot.unit or self._connection.unit
 
-    def text(self, snapshot: SessionSnapshot) -> UnitText:
+    def text(self, snapshot: SessionSnapshot) -> UnitLine:
         name, record = self.name(snapshot), self._record
         start = f"{name}  \u00b7  {'not ' if record is None else ''}calibrated"
         date = f" {record.calibrated_utc[:10]}" if record is not None else ""
         end = ", out of tolerance" if record is not None and record.out_of_tolerance else ""
-        return UnitText(f"{start}{date}{end}", f"{start}{end}", name)
+        return UnitLine(f"{start}{date}{end}", f"{start}{end}", name)
 
     @property
     def calibration_id(self) -> str:

@@ -17,7 +17,7 @@ from boat_daq.engine.snapshot import (
     SessionState,
 )
 from boat_daq.gui.header import Vents
-from boat_daq.viewmodels.live.unit_in_use import UnitText
+from boat_daq.viewmodels.live.unit_in_use import UnitLine
 from protocol.link.events import LinkStatistics
 from tests.boat_daq.gui.results.run_results import run_result
 from tests.boat_daq.gui.windows import CALIBRATED, NARROW
@@ -86,7 +86,7 @@ def test_calibration_of_a_virtual_unit_is_not_shown_on_a_real_board(live):
 def test_narrow_header_does_not_cut_the_verdict_on_a_unit(live):
     """Not calibrated was cut to "not": only a date is left out."""
     live.resize(960, 533)
-    live.model.unit.text = lambda _: UnitText("SA1  \u00b7  not calibrated", "SA1  \u00b7  not calibrated", "SA1")
+    live.model.unit.text = lambda _: UnitLine("SA1  \u00b7  not calibrated", "SA1  \u00b7  not calibrated", "SA1")
     live.refresh()
     QApplication.processEvents()
     assert live.header.unit.text() in ("SA1  \u00b7  not calibrated", "SA1")

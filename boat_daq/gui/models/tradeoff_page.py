@@ -7,14 +7,13 @@ tolerance of each; the program's rule accepts half.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
-from PySide6.QtCore import QRect, Qt
-from PySide6.QtWidgets import QHeaderView, QProgressBar, QWidget
+from PySide6.QtCore import Qt
+from PySide6.QtWidgets import QProgressBar, QWidget
 
 from analysis.fidelity import LEVELS
 from analysis.studies.tradeoff.measure import MARGIN
@@ -25,47 +24,28 @@ from boat_daq.gui.plotting.axes import LogAxis
 from boat_daq.gui.plotting.plot import Plot, PlotBox, sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.widgets import controls
-from boat_daq.gui.widgets.data_table import Cell, DataTable
-from boat_daq.gui.widgets.layouts import ReflowingPage, Shares
+from boat_daq.gui.widgets.data_table import DataTable
+from boat_daq.gui.widgets.layouts import ReflowingPage
 from boat_daq.viewmodels.common import tables
 from boat_daq.viewmodels.common.preferences import Precision
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.models.tradeoff import JOB_NAMES, METHOD_NAMES, Default, TradeoffModel
 from protocol.base.arrays import FloatArray
 
-CELL_MARGIN = 2 * style.GAP  # of both sides
-_HIGHEST = 1000
-
 
 class DefaultsTable(DataTable):
-    """Rows as high as their texts; the columns in `_STRETCHED` share the remaining width, and are wrapped."""
+    """All rows on one line each, without a scroll bar of its own: the page scrolls."""
 
     def __init__(self) -> None:
-        super().__init__("Default of each method", _HEADINGS, stretched=_STRETCHED[0], right=(0, 5))
+        super().__init__("Default of each method", _HEADINGS, stretched=_HEADINGS.index("Method"), right=(0, 5))
         self.explain({_HEADINGS.index("Share"): SHARE_TIP})
-        for column in _STRETCHED:
-            self.horizontalHeader().setSectionResizeMode(column, QHeaderView.ResizeMode.Stretch)
-        self.setWordWrap(True)
-        self.horizontalHeader().sectionResized.connect(
-            self._fit, Qt.ConnectionType.QueuedConnection
-        )  # to the last widths
-
-    def fill(self, rows: Sequence[Sequence[Cell]], tips: Sequence[str] = ()) -> None:
-        super().fill(rows, tips)
-        self._fit()
-
-    def _fit(self, *_: int) -> None:
-        """Set the heights; Qt's own would wrap the other columns too, which are as wide as their texts."""
-        for row in range(self.rowCount()):
-            self.setRowHeight(row, max(self._height(row, column) for column in _STRETCHED) + style.GAP)
-
-    def _height(self, row: int, column: int) -> int:
-        item, around = self.item(row, column), QRect(0, 0, self.columnWidth(column) - CELL_MARGIN, _HIGHEST)
-        text = item.text() if item is not None else ""
-        return self.fontMetrics().boundingRect(around, Qt.TextFlag.TextWordWrap, text or " ").height()
+        self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        self.verticalHeader().setDefaultSectionSize(style.CONTROL_HEIGHT - style.GAP)
 
     def show_defaults(self, defaults: list[Default]) -> None:
         self.fill([self._row(d) for d in defaults], [d.explanation for d in defaults])
+        rows = self.verticalHeader().length() + self.horizontalHeader().sizeHint().height()
+        self.setFixedHeight(rows + 2 * self.frameWidth())
 
     @staticmethod
     def _row(d: Default) -> tuple[str, ...]:
@@ -73,7 +53,7 @@ class DefaultsTable(DataTable):
         if not d.measured:
             return (*first, "", "failed" if d.unit else "", "")
         share = f"{number(100 * d.share, 0)} %" if d.share >= 0.01 else "< 1 %"
-        return (*first, f"{duration_text(d.seconds, 2)} for {d.per}", quantity(d.error, d.unit), share)
+        return (*first, duration_text(d.seconds, 2), quantity(d.error, d.unit), share)
 
 
 PRECISIONS = {
@@ -85,7 +65,6 @@ MEASURE = "Measure this computer"
 MEASURE_TIP = "Takes some minutes, in a helper process"
 SHARE_TIP = "Error in percent of the tolerance; up to 50 % is sufficient"
 _HEADINGS = ("No.", "Method", "Default", "Time", "Error", "Share")
-_STRETCHED = (1, 2, 3, 4)
 _KEY = "● a method   ■ a whole job   lower: more exact   further left: faster"
 _NUMBERS = {name: number for number, name in enumerate(METHOD_NAMES, 1)}
 _LEAST_SHARE = 0.05
@@ -94,7 +73,7 @@ _SIDE_WIDTH = style.PANE_WIDTH_NARROW + 4 * style.STEP
 MARGIN_DECADES = 0.25
 LEAST_DECADES = 1.0  # so that timing noise looks small
 LABEL_SHARE = 0.01  # of the width, where a text about a line begins: at the left, where points are few
-_ANCHORS = (-0.15, 1.0), (-0.15, 0.0), (1.15, 1.0), (1.15, 0.0)  # of a number at its point, the best first
+_ANCHORS = (-0.15, 1.0), (-0.15, 0.0), (1.15, 1.0), (1.15, 0.0), (0.5, 1.6)  # of a number at its point, best first
 _REACHES, _APART = (0.35, 0.2), (0.3, 0.13)  # decades of time and of error: to its middle, and to what it would cover
 _LINE_APART = 0.07  # decades of error from the middle of a number to the line of what is sufficient
 
@@ -106,6 +85,7 @@ class OverviewCard(PlotCard):
         axes = {"left": LogAxis("left"), "bottom": LogAxis("bottom")}
         item = pg.PlotItem(viewBox=PlotBox(), axisItems=axes, enableMenu=False)
         self.view.addItem(item, row=0, col=0)
+        self.view.setMinimumSize(style.PLOT_MINIMUM[0], style.STRIP_PLOT_HEIGHT)
         item.setMouseEnabled(False, False)  # what is shown is all there is
         self.plot = Plot(item, "Error", "% of tolerance", x_title="Processor time of one call", x_unit="s")
         self.plots.append(self.plot)
@@ -120,7 +100,7 @@ class OverviewCard(PlotCard):
             line.label.setPosition(LABEL_SHARE)
             line.setValue(math.log10(percent))
         self.numbers = [self.plot.labels(anchor) for anchor in _ANCHORS]
-        self.inside.addWidget(controls.label(_KEY, "small", wrap=True, name="Key of the overview"))
+        self.inside.addWidget(controls.label(_KEY, "small", elide=True, name="Key of the overview"))
 
     def show_defaults(self) -> None:
         places = {
@@ -182,9 +162,9 @@ class TradeoffPage(ReflowingPage):
         self._revision = -1
         self.overview, self.defaults = OverviewCard(model), DefaultsTable()
         self.measured = controls.label("", "small", wrap=True)
-        defaults, _ = controls.card((self.defaults, 1))
-        self.tall = (self.overview, defaults)
-        shown = Shares("overview", services.preferences, (self.overview, 5), (defaults, 6))
+        defaults, _ = controls.card(self.defaults)
+        self.tall = (self.overview,)
+        shown = controls.column((self.overview, 1), defaults, spacing=style.GAP)
         self.side = self._side()
         across = controls.row(self.side, (shown, 1))
         self.rows = (across,)

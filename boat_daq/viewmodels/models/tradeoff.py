@@ -21,17 +21,17 @@ from protocol.base.whole_file import write_whole
 
 METHOD_NAMES = {
     "tracer": "Ray tracer",
-    "ranking": "Ranking of the designs",
-    "full-fem": "Full model of actuator",
-    "reduced-fem": "Fast model of actuator",
-    "posterior": "Uncertainty (posterior)",
+    "ranking": "Ranking of designs",
+    "full-fem": "Full actuator model",
+    "reduced-fem": "Fast actuator model",
+    "posterior": "Posterior sampling",
     "inverse": "Signal to elongation",
     "segmentation": "Plateaus and cycles",
     "bootstrap": "Intervals (bootstrap)",
     "tracking": "Camera",
     "calibration": "Job: calibration",
     "report": "Job: report",
-    "sweep": "Job: the paper's sweep",
+    "sweep": "Job: paper's sweep",
 }
 """Every method that can be measured, by its name in the command; a test compares it with the command's list."""
 JOB_NAMES = ("calibration", "report", "sweep")
@@ -75,10 +75,11 @@ def read_report(content: Any) -> list[Default]:
 def _default(m: Mapping[str, Any]) -> Default:
     points = {str(p["setting"]): p for p in m["points"]}
     setting, chosen = str(m["default"]), m["chosen"]
+    p = points.get(setting)
     choice = "" if chosen == setting else f"\nHere {chosen or 'no setting'} would be the fastest that is exact enough."
     tolerance = f"Tolerance: {m['consumer']} ({m['tolerance']:.2g} {m['unit']})"
-    explanation = f"{tolerance}.\nMeasured against {m['reference']}.{choice}"
-    p = points.get(setting)
+    per = f"Time for {m['per']}.\n" if p is not None else ""
+    explanation = f"{per}{tolerance}.\nMeasured against {m['reference']}.{choice}"
     seconds, error = (math.nan, None) if p is None else (float(p["cpu_seconds"]), p["error"])
     return Default(
         str(m["name"]), setting, seconds, str(m["per"]), math.nan if error is None else float(error),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from PySide6.QtCore import QRect, Qt
 from PySide6.QtWidgets import QApplication
 
 from analysis.fidelity import fidelity
@@ -126,14 +125,26 @@ def test_each_default_has_its_point_in_sight_and_a_row(page, app_model):
 
 
 @pytest.mark.parametrize("width", [1156, 740])
-def test_names_of_settings_are_wrapped_not_cut(page, app_model, width):
-    """A row is as high as the lines of its name."""
+def test_every_row_is_on_one_line_and_in_sight_without_a_scroll_bar_of_the_table(page, app_model, width):
+    """No cell is wrapped or cut; on a window of 1280 x 800 the whole page is in sight."""
     show_shipped(page, app_model, width)
-    table = page.defaults
     QApplication.processEvents()
-    for row in range(table.rowCount()):
-        needed = table.fontMetrics().boundingRect(
-            QRect(0, 0, table.columnWidth(1) - 8, 1000), Qt.TextFlag.TextWordWrap, table.item(row, 1).text()
-        )
-        assert needed.width() <= table.columnWidth(1)
-        assert needed.height() <= table.rowHeight(row)
+    table = page.defaults
+    assert all(table.rowHeight(row) < 2 * table.fontMetrics().lineSpacing() for row in range(table.rowCount()))
+    assert all(table.sizeHintForColumn(k) <= table.columnWidth(k) for k in range(table.columnCount()))
+    assert table.viewport().height() >= table.verticalHeader().length()
+    card = table.parentWidget()
+    assert card.rect().contains(table.geometry())
+    assert page.narrow or page.minimumSizeHint().height() <= 646  # of 800: header, tabs and strip take the rest
+
+
+def test_no_number_lies_on_the_line_of_what_is_sufficient(page, app_model):
+    """On the smallest chart, where the numbers are closest to it."""
+    show_shipped(page, app_model, 740)
+    QApplication.processEvents()
+    card = page.overview
+    line = next(line for line, *_ in card.plot._lines if line.label.format == "sufficient below")
+    at = card.plot.item.getViewBox().mapViewToScene(line.pos()).y()
+    texts = [item.sceneBoundingRect() for labels in card.numbers for item in labels._items if item.isVisible()]
+    assert len(texts) == len(tradeoff.METHOD_NAMES)
+    assert not [text for text in texts if text.top() + 4 < at < text.bottom() - 4]

@@ -28,6 +28,7 @@ from analysis.reports.document import (
     typeset,
 )
 from analysis.reports.drawings import as_svg
+from protocol.base.units import unbroken
 from protocol.base.whole_file import write_whole
 
 WIDTH_INCH = 7.4
@@ -54,7 +55,7 @@ def render_html(report: Report, progress: Progress | None = None) -> str:
             progress(number, len(report.sections))
     environment.filters["padded"] = _padded
     template = environment.get_template("report.html.j2")
-    return template.render(report=report, verdict=typeset(report.verdict), sections=sections, style=style)
+    return template.render(report=report, verdict=unbroken(typeset(report.verdict)), sections=sections, style=style)
 
 
 def _padded(cell: str) -> Markup:
@@ -83,4 +84,4 @@ def _part(part: SectionPart) -> dict[str, Any]:
         width = min(STACKED_INCH, WIDTH_INCH / len(panels))
         drawn = [_panel(*as_svg(panel, width)) for panel in panels]
         return {"kind": "drawing", "panels": drawn, "caption": typeset(part.caption)}
-    return {"kind": "text", "text": typeset(part)}
+    return {"kind": "text", "text": unbroken(typeset(part))}

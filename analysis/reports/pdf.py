@@ -22,6 +22,7 @@ from analysis.progress import Progress
 from analysis.reports.document import Report, ReportDrawing, ReportTable, SectionPart, aligned, right_aligned, typeset
 from analysis.reports.drawings import as_svg
 from analysis.reports.text_metrics import font_folders, fonts, printable
+from protocol.base.units import NO_BREAK, unbroken
 from protocol.base.whole_file import write_whole
 
 WIDTH, HEIGHT = style.A4_INCH
@@ -32,7 +33,6 @@ SHORT_WORD = 28
 HEAD = 120  # characters of a running head
 STANDARDS = ["a-3a", "ua-1"]  # archived, and read aloud
 _SIMULATED = "SIMULATED"
-NO_BREAK = "\u00a0"
 
 
 def write_pdf(report: Report, path: Path, progress: Progress | None = None) -> None:
@@ -82,7 +82,7 @@ def _data(report: Report, progress: Progress | None) -> dict[str, Any]:
         "head": printable(head if len(head) <= HEAD else f"{head[: HEAD - 1]}\u2026"),
         "footer": printable(report.footer),
         "mark": printable(mark),
-        "verdict": printable(typeset(report.verdict)),
+        "verdict": printable(unbroken(typeset(report.verdict))),
         "alert": report.alert,
         "short": [fact for fact in facts if _is_short(fact[1])],
         "long": [fact for fact in facts if not _is_short(fact[1])],
@@ -118,7 +118,7 @@ def _part(part: SectionPart) -> dict[str, Any]:
         caption = printable(typeset(part.caption))
         svg, alt = as_svg(part, INNER, text=True)
         return {"kind": "drawing", "svg": svg, "alt": printable(alt) or caption, "caption": caption}
-    return {"kind": "text", "text": printable(typeset(part))}
+    return {"kind": "text", "text": printable(unbroken(typeset(part)))}
 
 
 def _cell(text: str, *, number: bool) -> str:

@@ -18,6 +18,7 @@ COVERAGE_FACTOR = 2.0  # about 95 % of a normal distribution
 
 MINUS = "\u2212"
 NOTHING = "\u2013"  # in place of a value that is not known
+NO_BREAK = "\u00a0"  # a space at which no line ends
 
 KPA_PER_UNIT = {
     "kpa": 1.0, "pa": 1e-3, "hpa": 0.1, "mpa": 1e3, "bar": 100.0, "mbar": 0.1, "psi": 6.894757293168361,
@@ -224,6 +225,9 @@ def _power(text: str) -> int:
     return {"²": 2, "³": 3}.get(_exponent(text), 1)
 
 
+_AFTER_NUMBER = re.compile(r"(?<=\d) ([^\s,;:.)]+)")
+
+
 class Quantity(NamedTuple):
     """A value in a stored unit, within a text; `form` is its format, `named` whether its unit follows it."""
 
@@ -281,6 +285,12 @@ def _piece(part: str | Quantity, units: ShownUnits) -> str:
 def in_shown_units(text: str, units: ShownUnits) -> str:
     """Return a text with its quantities in `units`; any other text unchanged."""
     return "".join(_piece(part, units) for part in text.pieces) if isinstance(text, UnitText) else text
+
+
+def unbroken(text: str) -> str:
+    """Return a sentence in which no line ends between a value and its unit, or beside an equals sign."""
+    joined = _AFTER_NUMBER.sub(lambda found: (NO_BREAK if find_unit(found[1]) else " ") + found[1], text)
+    return joined.replace("% FSO", f"%{NO_BREAK}FSO").replace(" = ", f"{NO_BREAK}={NO_BREAK}")
 
 
 def in_signal_unit(text: str, unit: str) -> str:

@@ -120,11 +120,12 @@ class CycleFigureCard(PlotCard):
             self._mark(self.plot.line(lambda t: t.warn, at=limit, style_=Qt.PenStyle.DotLine))
         for found in model.result.breaks:
             self._mark(self.plot.line(lambda t: t.warn, at=found.at_cycle, vertical=True, label="interrupted"))
-        names = [f"{symbol} sensor {n}" for n, symbol in enumerate(FILLED[: len(sensors)], 1)]
-        self.readout.setText("  ".join([*names, f"\u2508 {text}"] if text else names))
-        drawn = any(points.y.size for points in self.sensors)
+        drawn = [n for n, points in enumerate(self.sensors) if points.y.size]
         self.show_empty(model.no_figure(shown) or ("" if drawn else NO_FIGURE))
-        controls.set_text(self.note, model.note(shown))
+        names = [f"{FILLED[n]} sensor {n + 1}" for n in drawn]
+        self.readout.setText("  ".join([*names, f"\u2508 {text}"] if text and drawn else names))
+        line, band = (any(layer.y.size > 1 for layer in layers) for layers in (self.lines, self.bands))
+        controls.set_text(self.note, model.note(shown, line=line, band=band) if drawn else "")
         self.plot.fit(also_y=() if not np.isfinite(limit) else (limit,))
 
     def _mark(self, line: Any) -> None:

@@ -32,6 +32,7 @@ from PySide6.QtWidgets import (
 )
 
 from boat_daq.gui import style
+from protocol.base.units import unbroken
 
 Item = QWidget | QLayout | int | None | tuple[QWidget | QLayout, int]
 """A part of a row or column: a widget or layout, with its share of the length or without; a space; None a stretch."""
@@ -79,6 +80,22 @@ class ElidedLabel(QLabel):
         self.setToolTip("\n".join(part for part in (cut, self.explanation) if part))
 
 
+class WrappedLabel(QLabel):
+    """A label of several lines, none of which ends between a value and its unit; `text` is as it was set."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._set = ""
+        self.setWordWrap(True)
+
+    def text(self) -> str:
+        return self._set
+
+    def setText(self, text: str) -> None:
+        self._set = text
+        super().setText(unbroken(text))
+
+
 class Choice(QComboBox):
     """A choice whose text is cut with an ellipsis where it does not fit."""
 
@@ -93,11 +110,11 @@ def label(
     text: str = "", role: str = "", *, name: str = "", wrap: bool = False, elide: bool = False, least: int = 0
 ) -> QLabel:
     """Return a label in one of the roles title, subtitle, muted, small, set; `elide` as `ElidedLabel`."""
-    widget = ElidedLabel(text) if elide else QLabel(text)
+    widget = ElidedLabel() if elide else WrappedLabel() if wrap else QLabel()
     if isinstance(widget, ElidedLabel):
         widget.least = least
     widget.setTextFormat(Qt.TextFormat.PlainText)
-    widget.setWordWrap(wrap)
+    widget.setText(text)
     return _dressed(widget, role, name)
 
 

@@ -35,28 +35,26 @@ _NO_CYCLE = "A cycle goes from the highest pressure to the lowest and back."
 
 @dataclass(frozen=True, slots=True)
 class CycleFigure:
-    """A figure that is drawn over the cycles: name, axis, unit, key of the run's figure, explanation."""
+    """A figure that is drawn over the cycles: name, axis, unit, key of the run's figure; its points, its line."""
 
     name: str
     axis: str
     unit: str
     key: str
-    explanation: str
+    points: str = "cycles"
+    line: str = "the figure of the run"
 
 
-FIGURE = "Points: cycles. Line and band: the figure of the run with its 95 % interval."
 CYCLE_FIGURES = (
     CycleFigure(
-        "Drift", "From the mean", "% FSO", DRIFT_KEY,
-        "Points: signal at the highest (filled) and the lowest level. Line and band: drift with its 95 % interval.",
+        "Drift", "From the mean", "% FSO", DRIFT_KEY, "signal at the highest (filled) and the lowest level", "drift"
     ),
     CycleFigure(
-        "Hysteresis", "Hysteresis", "% FSO", HYSTERESIS_KEY,
-        "Points: cycles, on average wider by their noise. Line and band: the mean loop with its 95 % interval.",
+        "Hysteresis", "Hysteresis", "% FSO", HYSTERESIS_KEY, "cycles, on average wider by their noise", "the mean loop"
     ),
-    CycleFigure("Sensitivity", "Sensitivity", "mV/mm", SENSITIVITY_KEY, FIGURE),
-    CycleFigure("SNR", "SNR", "dB", SNR_KEY, FIGURE),
-)  # fmt: skip
+    CycleFigure("Sensitivity", "Sensitivity", "mV/mm", SENSITIVITY_KEY),
+    CycleFigure("SNR", "SNR", "dB", SNR_KEY),
+)
 
 
 class RepeatabilityModel:
@@ -180,12 +178,15 @@ class RepeatabilityModel:
             return "One cycle has no drift. Run two or more."
         return ""
 
-    def note(self, shown: CycleFigure) -> str:
-        """Return what the lines of a figure are, and why single cycles lie above that of the run."""
+    def note(self, shown: CycleFigure, *, line: bool, band: bool) -> str:
+        """Return what is drawn of a figure, with or without its line and band; why cycles lie above that of the run."""
         if self.result is None:
             return ""
+        drawn = [f"Points: {shown.points}."]
+        if line:
+            drawn.append(f"Line and band: {shown.line} with its 95 % interval." if band else f"Line: {shown.line}.")
         above = [s.cycles.why_above for s in self.result.sensors if s.cycles.why_above]
-        return " ".join([shown.explanation, *(above if shown.key == HYSTERESIS_KEY else ())])
+        return " ".join([*drawn, *(above if shown.key == HYSTERESIS_KEY else ())])
 
     def known(self) -> str:
         """Return how well drift and repeatability are known, of the worse sensor; "" without an interval."""

@@ -15,6 +15,7 @@ from protocol.base.units import (
     find_unit,
     in_a_name,
     in_shown_units,
+    unbroken,
 )
 from protocol.text.profile import PA_PER_UNIT
 
@@ -96,3 +97,12 @@ def test_text_with_quantities_is_shown_in_other_units() -> None:
         == "1.45 psi: low"
     )
     assert in_shown_units("30 kPa", psi) == "30 kPa"
+
+
+def test_a_value_and_its_unit_stay_on_one_line() -> None:
+    """Every space but those a line may end at; numbers of other things are left as they are."""
+    text = "U = 0.13 mm (k = 2) to 4.0 mm; 5.01 % FSO, 2 mV/kPa, 21 \u00b0C; 1 reading to check"
+    parts = ["U = 0.13 mm", "(k = 2)", "to", "4.0 mm;", "5.01 % FSO,", "2 mV/kPa,", "21 \u00b0C;", "1", "reading"]
+    found = unbroken(text)
+    assert found.replace("\u00a0", " ") == text
+    assert [part.replace("\u00a0", " ") for part in found.split(" ")] == [*parts, "to", "check"]

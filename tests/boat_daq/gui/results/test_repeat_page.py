@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from PySide6.QtWidgets import QLabel
 
 from boat_daq.viewmodels.results.figure_tables import DRIFT_KEY, HYSTERESIS_KEY, SNR_KEY, BreakResult, RunFigure
 from boat_daq.workflows.jobs import JobFailure, JobState
@@ -40,12 +41,16 @@ def test_one_plot_shows_a_figure_of_every_cycle_with_its_run(live):
     assert (page.verdict.text(), page.verdict.property("state")) == ("\u25cf All 8 published limits are kept", "ok")
     missed = dataclasses.replace(USABLE, limits_text="hysteresis: 5.05 % FSO, conditional fail", limits_state="check")
     live.model.repeatability.result = dataclasses.replace(live.model.repeatability.result, verdict=missed)
+    live.model.repeatability.revision += 1
+    live.refresh()
+    assert QLabel.text(page.verdict).endswith("Hysteresis: 5.05\u00a0%\u00a0FSO, conditional fail")  # as it is drawn
     assert live.model.repeatability.verdict()[0] == "warning"  # of the limits, however usable the calibration is
     card = page.card
     cycles = list(range(1, CYCLES + 1))
     assert (card.sensors[0].x.tolist(), card.low_ends[0].x.tolist()) == (cycles, cycles)
     assert card.lines[0].y == pytest.approx(0.005 * (np.array(cycles) - 4.5))
-    assert (card.plot.title, card.plot.unit, why in card.note.text()) == ("From the mean", "% FSO", False)
+    assert (card.plot.title, card.plot.unit) == ("From the mean", "% FSO")
+    assert card.note.text().endswith("lowest level. Line and band: drift with its 95 % interval.")
     choose(page, "Hysteresis")
     assert (card.lines[0].y[0], card.bands[0].low[0], card.bands[0].y[0]) == (4.97, 4.9, 5.04)
     assert [mark.value() for mark in card.marks] == [5.0]
@@ -68,7 +73,7 @@ def test_interruption_is_drawn_and_tested(live):
     live.model.repeatability.show(broken)
     live.refresh()
     choose(page, "Sensitivity")
-    assert page.card.plot.unit == "mV/kPa"
+    assert (page.card.plot.unit, page.card.note.text()) == ("mV/kPa", "Points: cycles.")  # the run has no such figure
     assert [mark.value() for mark in page.card.marks] == [4.5]
     assert page.tabs.count() == 2
     assert page.tests.item(0, 3).text() == "▲ 0.0004"
@@ -146,6 +151,7 @@ def test_figure_without_cycles_is_shown_as_text(live):
     live.refresh()
     choose(page, "Hysteresis")
     assert (page.card.view.isVisible(), page.card.empty_text.isVisible()) == (False, True)
+    assert (page.card.note.text(), page.card.readout.text()) == ("", "")  # nothing is drawn
     choose(page, "SNR")
     assert page.card.view.isVisible()
     live.model.repeatability.show(dataclasses.replace(whole, cycles=1))

@@ -22,7 +22,7 @@ from boat_daq.engine.display.ring_buffer import CAMERA_U
 from boat_daq.formatting import clock, in_units
 from boat_daq.gui import style
 from boat_daq.gui.plotting.axes import GRID_AHEAD
-from boat_daq.gui.plotting.plot import Band, Curve, Layer, Plot, sensor_colour
+from boat_daq.gui.plotting.plot import IN_FRONT, Band, Curve, Layer, Plot, sensor_colour
 from boat_daq.gui.plotting.plot_card import Columns, PlotCard
 from boat_daq.gui.widgets import controls
 from boat_daq.viewmodels.live.layout import CAMERA, ELONGATION, PRESSURE, Axes, Layout, title
@@ -387,7 +387,7 @@ class LivePlots(PlotCard):
         for plot in self.plots:
             shown = plot in self.rows and plot in texts
             if shown and plot not in self._hairs:
-                self._hairs[plot] = plot.line(lambda t: t.text, vertical=True, label=" ")
+                self._hairs[plot] = plot.line(lambda t: t.text, vertical=True, label=" ", z=IN_FRONT + 2)
             if plot in self._hairs:
                 self._hairs[plot].setVisible(shown)
             if shown:
@@ -469,20 +469,35 @@ class LivePlots(PlotCard):
                 plot.remove_line(line)
             self._cursors[which] = []
             del self.model.cursors_s[which]
+            self._part_labels()
             return
         at = self.model.cursors_s[which] = self.model.place(which)
         for plot in self.plots:
             name, solid = which.upper() if plot in self.rows[:1] else " ", Qt.PenStyle.SolidLine
-            line = plot.line(lambda t: t.text, at=at, vertical=True, movable=True, style_=solid, label=name)
+            line = plot.line(
+                lambda t: t.text, at=at, vertical=True, movable=True, style_=solid, label=name, z=IN_FRONT + 1
+            )
+            line.label.setPosition(0.0)  # apart from the markers' labels and the values at the mouse
+            line.label.anchors = [(0, 1), (1, 1)]
             line.setHoverPen(style.colour(self.theme.accent))
             line.sigDragged.connect(lambda moved, which=which: self._drag(which, moved.value()))
             self._cursors[which].append((plot, line))
+        self._part_labels()
         self.paint_theme(self.theme)
 
     def _drag(self, which: str, at: float) -> None:
         self.model.cursors_s[which] = at
         for _, line in self._cursors[which]:
             line.setValue(at)
+        self._part_labels()
+
+    def _part_labels(self) -> None:
+        """Put the letters of two cursors on their outer sides."""
+        first = min(self.model.cursors_s, key=lambda which: self.model.cursors_s[which], default="")
+        for which, lines in self._cursors.items():
+            for _, line in lines:
+                line.label.side = int(which == first) if len(self.model.cursors_s) > 1 else None
+                line.label.updatePosition()
 
     def show_markers(self) -> None:
         markers = self.model.notes()

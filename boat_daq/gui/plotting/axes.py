@@ -33,6 +33,7 @@ LOG_LABELS = 7
 GRID_BEYOND, GRID_LONGEST = 2.0, 50.0  # of what is shown: lines of the grid are longer on either side; at most so long
 GRID_AHEAD = 0.25  # of what is shown: lines are laid over so much of the time to come
 _TITLE_LINES = 2  # of a title beside the axis
+_SHORT = (("Elongation", "Elong."), ("Pressure", "Press."))  # beside a low plot
 _LABEL_GAP = 8  # pixels between two labels of the lower axis
 LOG_DIGITS = (1, 2, 5)
 _FEW_DECADES = 2.0  # over fewer, the 2 and the 5 between are labelled too
@@ -287,9 +288,12 @@ class LogAxis(TickAxis):
 
 
 def title_lines(title: str, unit: str, font: QFont, length: float, *, most: int) -> list[str]:
-    """Return a title with its unit in at most `most` lines no longer than `length` pixels; else elided."""
-    words = [*title.split(), *([f"({unit})"] if unit else [])]
-    for count in range(1, min(most, len(words)) + 1):
+    """Return a title with its unit in at most `most` lines no longer than `length` pixels; else shortened or elided."""
+    short = title
+    for whole, shorter in _SHORT:
+        short = short.replace(whole, shorter)
+    for text, count in ((text, count) for text in (title, short) for count in range(1, most + 1)):
+        words = [*text.split(), *([f"({unit})"] if unit else [])]
         cuts = range(1, len(words)) if count > 1 else [len(words)]
         options = [[" ".join(part) for part in (words[:cut], words[cut:]) if part] for cut in cuts]
         fitting = [lines for lines in options if max(style.text_width(font, line) for line in lines) <= length]

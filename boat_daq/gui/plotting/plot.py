@@ -27,6 +27,7 @@ from protocol.base.arrays import FloatArray
 ThemeColour = Callable[[Theme], str]
 L = TypeVar("L", bound="Layer")
 _EMPTY: FloatArray = np.zeros(0)
+IN_FRONT = 10  # of the data; what is higher covers other labels, too
 FILLED_POINTS = 64  # points of a surface of a band
 COSMETIC = 0.0  # a pen of this width is one pixel at any zoom and adds nothing to the bounds
 DASHES_PX = 6.0  # after so many the patterns of dashed and of dotted lines begin again
@@ -267,6 +268,36 @@ class CornerText:
         self._item.fill = pg.mkBrush(theme.surface)
 
 
+class LineLabel(pg.InfLineLabel):  # type: ignore[misc]
+    """The text of a line: whole inside the plot, on the side with space; none where its line is outside.
+
+    Attributes
+    ----------
+    side : on which side of an upright line the text is, 0 right, 1 left; None where there is space.
+    """
+
+    side: int | None = None
+    ground: QColor | None = None
+
+    def valueChanged(self) -> None:
+        self.fill = pg.mkBrush(self.ground if self.format.strip() else None)
+        super().valueChanged()
+
+    def updatePosition(self) -> None:
+        super().updatePosition()
+        box = self.line.getViewBox()
+        if not isinstance(box, pg.ViewBox) or self.line.angle % 180 == 0 or not box.width():
+            return
+        low, high = box.viewRange()[0]
+        at = (float(self.line.value()) - low) / (high - low)
+        share = self.textItem.boundingRect().width() / box.width()
+        across, down = self.anchors[at > 0.5 if self.side is None else self.side]
+        if 0.0 < share < 1.0:
+            across = min(max(across, 1.0 - (1.0 - at) / share), at / share)
+        self.setAnchor((across, down))
+        self.setOpacity(float(0.0 <= at <= 1.0))
+
+
 class PlotBox(pg.ViewBox):  # type: ignore[misc]
     """The area of the data: a drag pans, with Shift it zooms to a box; the wheel zooms, over an axis along it alone.
 
@@ -407,11 +438,13 @@ class Plot:
         style_: Qt.PenStyle = Qt.PenStyle.DashLine,
         movable: bool = False,
         label: str = "",
+        z: int = IN_FRONT,
     ) -> Any:
-        text = label.replace("{", "{{").replace("}", "}}")  # pyqtgraph formats the label
-        item = pg.InfiniteLine(pos=at, angle=90 if vertical else 0, movable=movable, label=text or None)
+        item = pg.InfiniteLine(pos=at, angle=90 if vertical else 0, movable=movable)
         if label:
-            item.setZValue(10)  # its text is in front of the data
+            text = label.replace("{", "{{").replace("}", "}}")  # pyqtgraph formats the label
+            item.label = LineLabel(item, text=text)
+            item.setZValue(z)  # its text is in front of the data
             item.label.setFont(style.small_font())
             # below the upper edge on the side with space, or inside the right edge: visible on a small plot too
             item.label.anchors = [(0, 0), (1, 0)] if vertical else [(1, 0), (1, 1)]
@@ -556,8 +589,6 @@ class Plot:
                 text = f"{self.left.value_text(float(np.interp(x, layer.x, layer.y)))} at {text}"
                 break
         self.cursor.label.setFormat(text.replace("{", "{{").replace("}", "}}"))
-        if self._theme is not None:
-            self.cursor.label.fill = pg.mkBrush(style.colour(self._theme.surface, style.LABEL_OPACITY))
 
     def fit(self, *, x_margin: float = 0.04, smallest: float = 0.0, also_y: Sequence[float] = ()) -> None:
         """Show all that is drawn and the heights `also_y`, at least `smallest` high; not in a frame."""
@@ -604,8 +635,9 @@ class Plot:
                 item.setHoverPen(pg.mkPen(colour(theme), width=2, style=pen_style))
             if hasattr(item, "label"):
                 item.label.setColor(colour(theme))
-                ground = style.colour(theme.surface, style.LABEL_OPACITY)
-                item.label.fill = pg.mkBrush(ground if item.label.format.strip() else None)
+                ground = style.colour(theme.surface, *([style.LABEL_OPACITY] if item.zValue() == IN_FRONT else []))
+                item.label.ground = ground
+                item.label.valueChanged()
 
     def label_x(self, title: str, unit: str) -> None:
         """Label the lower axis with its values and title; leave both out without a title."""

@@ -30,6 +30,7 @@ def test_titles_are_in_the_gutter_at_any_height(live):
     live.model.live.inverse = lambda mv: LiveElongation(
         (mv[:, 0] - 1638) / 40, np.full(len(mv), 0.1), np.zeros(len(mv), bool)
     )
+    live.live.marker.show()
     for height in range(520, 1001, 80):  # where a title fits depends on the system's font
         live.resize(1280, height)
         QApplication.processEvents()
@@ -38,6 +39,7 @@ def test_titles_are_in_the_gutter_at_any_height(live):
         titles = [plot.left.label for plot in plots.rows]
         assert " ".join(titles[0].toPlainText().split()) == "Sensor 1 (mV)"
         places = [title.mapRectToScene(title.boundingRect()) for title in titles]
+        assert not any(title.toPlainText().startswith("(") for title in titles)  # nothing but the unit
         assert not any(a.intersects(b) for a, b in pairwise(places))
         for plot, place in zip(plots.rows, places, strict=True):
             data = plot.item.getViewBox().sceneBoundingRect()
@@ -101,14 +103,17 @@ def test_marker_is_added_by_keys_and_shown(live):
 def test_labels_of_cursors_and_markers_are_not_cut(live, height):
     """On low plots and at both edges the letters of A and B and of notes lie inside their plot; braces are letters."""
     live.resize(840, height)
+    live.live.sides.moveSplitter(300, 1)
     live.refresh()
     live.draw()
     plots, (low, high) = live.live.plots, live.model.live.span_s()
-    plots.place_cursor("a")
-    plots.place_cursor("b")
+    plots.move_cursor("b", low + 20.0)
+    plots.move_cursor("a", low + 20.1)
     live.model.live.markers += [
         (high - 0.01, "tube {touched}"),
         (low + 0.5, "a note that is much too long for its label"),
+        (low + 31.0, "of more than half the width " * 2),
+        (low - 1.0, "a line at the left of the plot"),
     ]
     live.refresh()
     live.draw()
@@ -119,7 +124,13 @@ def test_labels_of_cursors_and_markers_are_not_cut(live, height):
         box = plot.item.getViewBox()
         words = line.label.mapRectToItem(box, line.label.boundingRect())
         visible_rect = box.boundingRect().adjusted(-1, -1, 1, 1)
+        if line.value() < low:
+            assert line.label.opacity() == 0.0  # half of its words were seen
+            continue
         assert visible_rect.contains(words), (line.label.format, words, visible_rect)
+    letters = [line.label for which in "ba" for plot, line in plots._cursors[which] if plot is plots.first]
+    before, after = (label.mapRectToScene(label.boundingRect()) for label in letters)
+    assert before.right() < after.left()  # they were on each other
     assert plots._markers[0][1].label.textItem.toPlainText() == "tube {touched}"
     assert plots._markers[1][1].label.textItem.toPlainText().endswith("\u2026")
 

@@ -106,7 +106,7 @@ class Controller:
         self.loop = None
         self.board.restart()
         if self.pressurised or self.sequencer.state in _RUN:
-            self._trip(Trip(MessageKind.LINK_LOST, cause, "connect it again; the board vents by itself"))
+            self._trip(Trip(MessageKind.LINK_LOST, cause, f"connect it again; {self._without_link}"))
         else:
             self.board.note(MessageKind.LINK_LOST, cause, "warning")
 
@@ -152,7 +152,7 @@ class Controller:
         self.board.now_ns = now_ns
         heard_ns = now_ns if heard_ns is None else heard_ns
         if self.stream.falls_silent(heard_ns):
-            self._silence(f"no data for {self.stream.silence_s:g} s", "check the cable; the board vents by itself")
+            self._silence(f"no data for {self.stream.silence_s:g} s", f"check the cable; {self._without_link}")
         elif now_ns - heard_ns > UNREAD_S * 1e9 and self.stream.falls_silent(now_ns):
             cause = f"this computer was too busy to read the port for {UNREAD_S:g} s"
             self._silence(cause, _BUSY if self.stream.urgent else f"{_BUSY}, or {ALLOW_PRIORITY}")
@@ -251,7 +251,9 @@ class Controller:
             self.board.send(messages.Vent())
         text, level, remedy = cause or "vented by the operator", "info" if cause is None else "warning", ""
         if unreachable:
-            text, level = "VENT was not sent: no board is connected", "error"
+            listens = self.stream.begun and not self.board.can_command
+            why = "this link is read only" if listens else "no board is connected"
+            text, level = f"VENT was not sent: {why}", "error"
             remedy = _VENT_LATER if self.pressurised else ""
         elif self.stream.silent:
             text, level, remedy = "VENT was sent, but no data confirm it", "error", "open the valve manually"
@@ -410,6 +412,12 @@ class Controller:
     def _idle(self) -> bool:
         """Whether nothing is under pressure and the board is at rest."""
         return not self.pressurised and self.last is not None and self.last.state in _AT_REST
+
+    @property
+    def _without_link(self) -> str:
+        """What becomes of the unit while its board hears nothing, as the last sample knew."""
+        armed = self.last is not None and int(self.last.flags) & _WATCHDOG_ARMED
+        return "the board vents by itself" if armed else "no watchdog vents the unit"
 
     def _silence(self, cause: str, remedy: str) -> None:
         """Trip where a unit is under pressure; report a silence that follows another trip."""

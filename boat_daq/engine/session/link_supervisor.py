@@ -304,6 +304,9 @@ class LinkSupervisor:
             with self._acting() as control:
                 control.stop()
             self._wait(lambda: control.sequencer.state is not SessionState.FINISHING, VENT_S)
+            with self._acting() as control:
+                if control.sequencer.state is SessionState.FINISHING:
+                    control.abort("disconnected before the unit had vented")
             self._leave()
         self._detach()
         try:

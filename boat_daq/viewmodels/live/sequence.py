@@ -66,9 +66,13 @@ STATE_TEXTS = {  # shape, text, buttons
     S.FAULT: ("\u25a0", "Fault", ("clear",)),
 }
 AT_REST = (S.IDLE, S.ABORTED)
-_RESTING = (S.IDLE, S.ABORTED, S.FAULT, S.PAUSED)  # nothing is commanded, unless by hand
+_RESTING = (S.IDLE, S.ARMED, S.ABORTED, S.FAULT, S.PAUSED)  # nothing is commanded, unless by hand
+_FREE = (S.IDLE, S.ARMED)  # a pressure may stay
 _LOST = "Link lost, pressure unknown"
-UNKNOWN = {LinkState.LOST: _LOST, LinkState.OPENING: _LOST, LinkState.SILENT: "No data, pressure unknown"}
+UNKNOWN = {
+    LinkState.LOST: _LOST, LinkState.OPENING: _LOST, LinkState.SILENT: "No data, pressure unknown",
+    LinkState.CLOSED: "Disconnected, pressure unknown",
+}  # fmt: skip
 REACHED_MM = 0.01  # of the shaped setpoint from the target
 NEAR_MM = 0.15  # of the measured elongation, where its U is less
 HELD = (S.ARMED, S.RUNNING, S.PAUSED, S.FINISHING)  # the session has a plan
@@ -388,8 +392,11 @@ def holding_text(snapshot: SessionSnapshot, units: ShownUnits = STORED_UNITS) ->
 
 
 def is_unknown(snapshot: SessionSnapshot) -> bool:
-    """Return whether a link that gave samples gives none; one that opens again is still lost."""
-    return snapshot.link in UNKNOWN and (snapshot.link is not LinkState.OPENING or snapshot.last is not None)
+    """Return whether a link that gave samples gives none; one that was closed on a vented unit left it so."""
+    last, link = snapshot.last, snapshot.link
+    if link is LinkState.CLOSED:
+        return last is not None and not abs(last.pressure_kpa) < VENTED_KPA
+    return link in UNKNOWN and (link is not LinkState.OPENING or last is not None)
 
 
 def state_text(snapshot: SessionSnapshot, units: ShownUnits = STORED_UNITS) -> str:
@@ -403,16 +410,19 @@ def state_text(snapshot: SessionSnapshot, units: ShownUnits = STORED_UNITS) -> s
         kpa = snapshot.last.pressure_kpa  # a board that has restarted reports vented before its unit is
         if math.isnan(kpa):
             text += ", pressure unknown"
-        elif abs(kpa) >= VENTED_KPA and (snapshot.pressure_off or snapshot.state is SessionState.IDLE):
+        elif abs(kpa) >= VENTED_KPA and (snapshot.pressure_off or snapshot.state in _FREE or not snapshot.can_command):
             text += f", at {in_units(units, 'kPa', kpa, 1)}"
-        elif snapshot.state is not SessionState.IDLE:
+        elif snapshot.state not in _FREE:
             text += ", vented" if abs(kpa) < VENTED_KPA else ", venting"
     return f"{shape} {text}"
 
 
-def _promise(snapshot: SessionSnapshot) -> str:
+def _promise(snapshot: SessionSnapshot, units: ShownUnits) -> str:
     """Return what vents a board that sends nothing, as its last sample knew."""
-    if snapshot.last is None or not snapshot.last.flags & SampleFlag.WATCHDOG_ARMED:
+    last = snapshot.last
+    if last is not None and snapshot.link is LinkState.CLOSED:
+        return f"its last pressure was {in_units(units, 'kPa', last.pressure_kpa, 1)}"
+    if last is None or not last.flags & SampleFlag.WATCHDOG_ARMED:
         return "no watchdog was armed: the unit may be under pressure"
     wait_s = (LONGEST_MS if snapshot.speed > FAST else REAL_TIME_MS) / 1000
     return f"the board vents by its watchdog within {wait_s:.0f} s"
@@ -423,7 +433,7 @@ def progress_text(snapshot: SessionSnapshot, leave_out: int = 0, units: ShownUni
     progress = snapshot.progress
     ended = snapshot.run_ended
     if is_unknown(snapshot):
-        return _promise(snapshot)
+        return _promise(snapshot, units)
     if snapshot.state is SessionState.FAULT and snapshot.latched:
         return snapshot.latched  # of a held pressure, too, which no run was
     over = snapshot.state in (SessionState.FAULT, SessionState.ABORTED) and not holding_text(snapshot)

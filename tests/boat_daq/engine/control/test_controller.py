@@ -17,7 +17,7 @@ from boat_daq.engine.snapshot import RunEnding, SessionState
 from protocol.base.errors import RequestError
 from protocol.link.events import CommandDone, CommandLost
 from protocol.link.messages import AckStatus, ClearFault, Heartbeat, SetLimits, SetPressure, Start, Vent
-from protocol.recording import BoardState, RunEnd
+from protocol.recording import BoardState, RunEnd, SampleFlag
 from tests.boat_daq.engine.controller_rig import QUICK, ControllerRig
 from tests.conftest import mostly_at_night
 
@@ -230,6 +230,7 @@ def test_unplugged_under_pressure_the_board_vents_by_itself() -> None:
     rig.control.link_lost("the port is gone")
     rig.flush()
     assert rig.state is SessionState.FAULT
+    assert rig.reports(["link_lost"])[0].remedy == "connect it again; the board vents by itself"
     rig.run(REAL_TIME_MS / 1e3 + 1.5)
     assert vented(rig)
     rig.replug()
@@ -552,7 +553,10 @@ def test_a_vent_that_reached_no_board_is_repeated_when_it_is_back() -> None:
     rig.do(lambda: rig.control.set_pressure(20.0, 20.0))
     rig.run(3.0)
     rig.plugged = False
+    rig.control.last = dataclasses.replace(rig.control.last, flags=SampleFlag(0))  # no watchdog
     rig.control.link_lost("the port is gone")
+    rig.flush()
+    assert rig.reports(["link_lost"])[0].remedy == "connect it again; no watchdog vents the unit"
     rig.do(lambda: rig.control.vent(unreachable=True))
     assert [note.text for note in rig.reports(["vent"])] == ["VENT was not sent: no board is connected"]
     rig.board._control._timeout_us = 0  # no watchdog

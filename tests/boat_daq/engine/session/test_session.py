@@ -18,6 +18,7 @@ from typing import Any
 import pytest
 
 from boat_daq.engine.plan import Plan
+from boat_daq.engine.session import link_supervisor
 from boat_daq.engine.session.reading_sources import enter_simulated_readings
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import Settings, Unit, UnitLibrary
@@ -328,6 +329,7 @@ def test_a_profile_without_commands_only_listens(session: Session, printing: Pri
     with pytest.raises(RequestError):
         session.arm(PLAN)
     session.vent()
+    assert session.snapshot().messages[-1].cause == "VENT was not sent: this link is read only"
     session.disconnect()
     reached(session, lambda s: s.link is LinkState.CLOSED, 5)
     assert printing.received == b""
@@ -377,6 +379,21 @@ def test_a_failing_disk_aborts_the_run(session: Session, tmp_path: Path) -> None
         seen = reached(session, lambda s: s.state is SessionState.ABORTED, 5)
         assert seen.run_ended == RunEnding(RunEnd.ABORTED, "the disk is full")
         assert any(m.cause == "the disk is full" and m.remedy for m in seen.messages)
+
+
+def test_a_run_that_is_disconnected_before_it_has_vented_is_over(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It was "finishing" until the next connection, and the window asked before it closed."""
+    monkeypatch.setattr(link_supervisor, "VENT_S", 0.0)
+    with serve_in_thread(BoardSettings(speed=20.0)) as board:
+        session.connect(board.url)
+        session.wait_connected()
+        session.arm(PLAN)
+        session.start()
+        reached(session, lambda s: s.last is not None and s.last.pressure_kpa > 20.0, 10)
+        session.disconnect()
+        assert reached(session, lambda s: s.link is LinkState.CLOSED, 5).state is SessionState.ABORTED
 
 
 def test_connect_and_disconnect_many_times(session: Session) -> None:

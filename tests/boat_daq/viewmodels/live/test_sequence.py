@@ -150,7 +150,10 @@ def test_pressure_of_a_lost_board_is_unknown():
     vents = "the board vents by its watchdog within 3 s"
     assert shown(link=LinkState.LOST, **armed) == ("\u25a0 Link lost, pressure unknown", vents)
     assert shown(link=LinkState.OPENING, **armed) == ("\u25a0 Link lost, pressure unknown", vents)  # sought again
-    assert shown(link=LinkState.CLOSED, state=SessionState.ABORTED, last={"target_kpa": math.nan})[0].endswith("early")
+    closed = {"link": LinkState.CLOSED, "state": SessionState.ABORTED}
+    assert shown(**closed, last={"pressure_kpa": 0.4})[0].endswith("early")
+    was = "its last pressure was +30.0 kPa"
+    assert shown(**closed) == ("\u25a0 Disconnected, pressure unknown", was)
     assert shown(link=LinkState.SILENT, **armed) == ("\u25a0 No data, pressure unknown", vents)
     assert shown(link=LinkState.LOST, speed=20.0, **armed)[1].endswith("within 5 s")
     assert "no watchdog" in shown(link=LinkState.LOST, state=SessionState.FAULT)[1]
@@ -184,6 +187,9 @@ def test_a_pressure_that_is_not_there_or_not_known_is_named():
     assert shown(last={"pressure_kpa": 0.1}, pressure_off=True)[0] == "\u25b2 Not at +30 kPa"
     vented, unknown = {"target_kpa": math.nan, "pressure_kpa": 26.0}, {"target_kpa": math.nan, "pressure_kpa": math.nan}
     assert shown(last=vented)[0] == "\u25cb Idle, at +26.0 kPa"
+    assert shown(last=vented, state=SessionState.ARMED)[0] == "\u25d4 Armed, at +26.0 kPa"
+    listening = {"can_command": False, "state": SessionState.FAULT}  # this program vents nothing there
+    assert shown(last=vented, **listening)[0] == "\u25a0 Fault, at +26.0 kPa"
     assert shown(last=vented, **aborted)[0] == "\u25a0 Stopped early, venting"
     assert shown(last=vented, pressure_off=True, **aborted)[0] == "\u25a0 Stopped early, at +26.0 kPa"
     assert shown(last=unknown, state=SessionState.FAULT)[0] == "\u25a0 Fault, pressure unknown"

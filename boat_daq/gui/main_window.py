@@ -436,7 +436,9 @@ class MainWindow(QMainWindow):
             return True
         self._leave_until = monotonic() + _LEAVE_S
         remedy = f"Press Close again within {_LEAVE_S:.0f} s to stop it, vent and save."
-        self.model.notices.add(Severity.WARNING, "a run is in progress", remedy)
+        notices = self.model.notices
+        asked = notices.add(Severity.WARNING, "a run is in progress", remedy)
+        QTimer.singleShot(int(1000 * _LEAVE_S), self, lambda: notices.dismiss(asked))
         return False
 
     def closeEvent(self, event: QCloseEvent) -> None:

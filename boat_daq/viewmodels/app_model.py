@@ -15,7 +15,7 @@ from boat_daq.engine.bug_report import write_bug_report
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
-from boat_daq.viewmodels.common.notices import Notices, SessionMessages, Severity
+from boat_daq.viewmodels.common.notices import Notice, Notices, SessionMessages, Severity
 from boat_daq.viewmodels.common.open_windows import OpenWindows
 from boat_daq.viewmodels.common.preferences import Precision, Preferences, UnitChoice
 from boat_daq.viewmodels.common.services import Page, Panel, Place, Services, Tab, UndoHistory
@@ -99,6 +99,7 @@ class AppModel:
             NotCalibrated: ("Go to Results", lambda: self.services.show(Tab.CALIBRATION)),
             NotIdentified: ("Prepare it", partial(self.notices.attempt, self._prepare_control)),
         }
+        self._disagreeing: Notice | None = None
         self._continuous = False  # whether a repeatability run is in progress
         self.snapshot = session.snapshot()
         self._messages = SessionMessages(self.notices, self.snapshot)
@@ -165,8 +166,12 @@ class AppModel:
             self.notices.add(Severity.WARNING, sentence, "Check tubing, zero and the actuator before the next run.")
 
     def _report_disagreement(self) -> None:
-        if (found := self.disagreement.follow(connected=self.connected())) is not None:
-            self.notices.add(Severity.WARNING, *found)
+        found = self.disagreement.follow(connected=self.connected())
+        if found is not None or self.disagreement.over:
+            self.notices.dismiss(self._disagreeing)
+            self._disagreeing = None
+        if found is not None:
+            self._disagreeing = self.notices.add(Severity.WARNING, *found)
 
     def connected(self) -> bool:
         """Return whether samples arrived at the last tick."""

@@ -207,7 +207,7 @@ class SessionMessages:
             notice = self._notices.add(level, cause, "" if over else message.remedy)
             if message.kind is MessageKind.STORAGE:
                 (self._of_disk if level is Severity.FAULT else self._of_slow_disk).append(notice)
-            elif snapshot.link in DOWN:
+            elif snapshot.link in DOWN or (message.kind is MessageKind.VENT and not connected):
                 self._of_link.append(notice)
             elif message.cause in snapshot.alarms:
                 self._alarms[message.cause] = notice

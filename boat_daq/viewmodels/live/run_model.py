@@ -306,7 +306,8 @@ class RunModel:
         if snapshot.recording is None:
             notices.attempt(self.record, done=f"Recording into {self.services.recordings}")
         elif snapshot.state in UNDER_WAY:
-            notices.add(Severity.WARNING, "a run is in progress", "Stop it before closing the recording.")
+            remedy = "Stop it before closing the recording."
+            notices.add(Severity.WARNING, "a run is in progress", remedy, refusal=True)
         else:
             done = f"Recording closed: {snapshot.recording.name} in {snapshot.recording.parent}"
             notices.attempt(self.session.stop_recording, done=done)

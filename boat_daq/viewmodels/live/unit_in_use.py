@@ -118,6 +118,11 @@ class DisagreementWatch:
         self._next_s = 0.0
         self._word, self._since_s, self._reported = _NONE, 0.0, _NONE
 
+    @property
+    def over(self) -> bool:
+        """Return whether what was reported disagrees no longer, or is not known any more."""
+        return self._reported == _NONE or self._live.prediction is None
+
     def follow(self, *, connected: bool) -> tuple[str, str] | None:
         """Return cause and remedy where something has begun to disagree for good; None otherwise."""
         now_s = monotonic()

@@ -11,15 +11,19 @@ import time
 import pytest
 
 from boat_daq.engine.snapshot import SessionState
+from boat_daq.gui import main_window
 
 
-def test_first_close_does_not_end_a_run(live):
+def test_first_close_does_not_end_a_run(live, monkeypatch, qtbot):
     """Ctrl+Q beside Ctrl+1 stopped a run without a prompt; pressed again at once, it quits."""
+    monkeypatch.setattr(main_window, "_LEAVE_S", 0.2)
     live.model.session.change(state=SessionState.RUNNING)
     live.refresh()
     live.leave()
     assert live.isVisible()
     assert live.model.notices.current().cause == "a run is in progress"
+    qtbot.waitUntil(lambda: live.model.notices.current() is None)  # it stayed until it was dismissed
+    live.leave()
     live.leave()
     assert not live.isVisible()
 

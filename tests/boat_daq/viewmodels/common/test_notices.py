@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from boat_daq.engine.snapshot import LastSample, LinkState, Message, MessageKind, SessionSnapshot, SessionState
 from boat_daq.viewmodels.common.notices import Notices, SessionMessages, Severity
@@ -119,3 +120,15 @@ def test_a_note_does_not_hide_a_fault_of_the_same_cause():
         shown((SessionState.FAULT, (fault,), ()), (SessionState.FAULT, (fault, again), ()))
         == [(Severity.FAULT, refused)] * 2
     )
+
+
+def test_a_vent_without_a_board_leaves_once_one_is_connected():
+    """ "No board is connected" stayed beside a connected board."""
+    notices = Notices()
+    closed, up = (SessionSnapshot(SessionState.IDLE, link) for link in (LinkState.CLOSED, LinkState.UP))
+    follower = SessionMessages(notices, closed)
+    vent = (Message(1, MessageKind.VENT, "error", "VENT was not sent: no board is connected"),)
+    follower.follow(replace(closed, messages=vent))
+    assert notices.current().cause == vent[0].cause
+    follower.follow(replace(up, messages=vent))
+    assert notices.current() is None

@@ -58,9 +58,11 @@ def test_what_disagrees_is_reported_once_it_lasts(monkeypatch, prediction, ring)
     words = iter(["none", "mechanics", "none", *["mechanics"] * 20, *["none"] * 20])
     monkeypatch.setattr(watched, "monotonic", lambda: now[0])
     monkeypatch.setattr(LiveModel, "disagreement", lambda _: next(words))
-    watch, found = DisagreementWatch(model), []
+    watch, found, over = DisagreementWatch(model), [], []
     for _ in range(40):
         now[0] += 0.6
         found.append(watch.follow(connected=True))
+        over.append(watch.over)
+    assert over.index(False) == found.index(watched.TEXTS["mechanics"]) and over[-1]  # its message leaves then
     assert [one[0] for one in found if one] == [watched.TEXTS["mechanics"][0]]
     assert watch.follow(connected=False) is None

@@ -165,7 +165,7 @@ def _is_torn(path: Path, dialect: Dialect) -> bool:
 
 
 def _torn(line: int) -> Warning:
-    return Warning(WarningCode.RAGGED_ROW, "", f"line {line}, the last one, has no line end: left out, may be cut off")
+    return Warning(WarningCode.RAGGED_ROW, "", f"line {line}, the last one, has no line end: left out as incomplete")
 
 
 def _nuls(path: Path) -> Warning:

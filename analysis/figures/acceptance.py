@@ -16,7 +16,7 @@ import numpy as np
 
 from analysis import published
 from analysis.conformity import Conformity, ConformityStatement, conformity_statement
-from analysis.figures.figure import SENSOR_FIGURES, Figure, sensor_text
+from analysis.figures.figure import SENSOR_FIGURES, Figure, Reason, sensor_text
 from analysis.json_object import json_object
 from analysis.numbers import percent
 from analysis.warning import Warning, WarningCode
@@ -77,11 +77,10 @@ class LimitStatement:
 
     @property
     def text(self) -> str:
-        """Value, limit and probability, e.g. `hysteresis of s1 4.95 % FSO, limit 4.9, conformity 4 % probable`."""
-        value = f"{self.name} of {self.sensor} {self.figure.value:.3g} {self.figure.unit}"
-        probable = self.statement.probability
-        how = f"conformity {percent(probable)} probable" if math.isfinite(probable) else "its uncertainty is not known"
-        return f"{value}, limit {self.tolerance.limit:g}, {how}"
+        """Phrase and probability, e.g. `hysteresis, sensor 1: 4.95 % FSO, limit 5 % FSO, conformity 80 % probable`."""
+        probable, one = self.statement.probability, self.figure.reason is Reason.ONE_CYCLE
+        unknown = "one cycle gives no uncertainty: run three" if one else "its uncertainty is not known"
+        return f"{self.phrase}, {f'conformity {percent(probable)} probable' if math.isfinite(probable) else unknown}"
 
     @property
     def phrase(self) -> str:

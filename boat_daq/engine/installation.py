@@ -35,7 +35,7 @@ class Shortcoming:
 
 SLOW_DECODER = Shortcoming(
     "frames of the board are decoded by Python, a tenth as fast: the compiled part of the library cobs is missing",
-    "Install a C compiler and the headers of Python (on Debian gcc and python3-dev), then the library cobs once more",
+    "Install a C compiler and the headers of Python (on Debian gcc and python3-dev), then the library cobs again",
     command=install_command("--force-reinstall", "--no-cache-dir", "--no-binary", "cobs", "cobs"),
 )
 

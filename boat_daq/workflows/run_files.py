@@ -178,7 +178,7 @@ def import_capture(path: Path, profile: str | Path) -> Recording:
         notes.append(f"{link.statistics.malformed} lines do not match the text profile: left out")
     if not content.endswith((b"\n", b"\r")):
         last = len(content.splitlines())
-        notes.append(f"line {last}, the last one, has no line end: left out, may be cut off")
+        notes.append(f"line {last}, the last one, has no line end: left out as incomplete")
     return _recording(path, described, samples, notes)
 
 

@@ -174,7 +174,7 @@ class LogCheck:
             remedy = remedy if self.missing != 0 else "Move it elsewhere; none is needed."
             return f"{name}-wal does not belong to {name}, and nothing of it is used{pages}. {remedy}"
         if self.state is LogState.SHORT:
-            return f"{name}-wal is cut short{pages}. {remedy}"
+            return f"{name}-wal is incomplete{pages}. {remedy}"
         if self.state is LogState.ABSENT and self.missing:
             return f"{name}-wal is absent{pages}. {remedy}"
         return ""

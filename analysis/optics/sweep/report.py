@@ -231,7 +231,7 @@ def draw_pareto(result: SweepResult) -> Figure:
     for i, name, colour in ((int(np.argmax(merit.p)), "our best", BLUE), (result.find(), "paper's", VERMILLION)):
         if i is not None:
             axes.plot(merit.rmse[i], merit.delta[i], "D", markersize=8, markeredgecolor=colour, label=name, **_RING)
-    figure.colorbar(dots).set_label("n_sign: steps in which NDR rises")
+    figure.colorbar(dots).set_label("n_sign: increases of NDR")
     unit = _UNITS[result.request.by]
     axes.set(xlabel=f"RMSE about aNDR, {unit}", ylabel=f"Delta, {unit}")
     axes.legend()

@@ -59,7 +59,7 @@ OPTIONAL = ("Readings", "Length", "Cycles")  # columns hidden in this order wher
 USUAL_NAME = "20260101-000000_SA1.boat"  # what the program names a recording
 NO_UNITS = "Accepted calibrations are listed here by unit."
 DIFFERENCE = "The curve of each run less the curve of the first one, over elongation."
-OVER_TIME_TIP = "Its calibrations over each other and over time, and when it is due again"
+OVER_TIME_TIP = "Its calibrations overlaid and over time, and when it is due again"
 UNIT_HEADINGS = ("Unit", "Accepted", "Sensitivity, mV/mm", "Recording")
 
 

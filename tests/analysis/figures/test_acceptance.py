@@ -20,7 +20,7 @@ from analysis.figures.acceptance import (
     r2_statement,
     worst_conformity,
 )
-from analysis.figures.figure import SENSOR_FIGURES, Figure
+from analysis.figures.figure import SENSOR_FIGURES, Figure, Reason
 from analysis.published import RANGE_MM, SENSORS
 from tests.analysis.boat_builder import Plant, Staircase
 
@@ -141,7 +141,7 @@ def test_a_limit_inside_the_interval_is_no_verdict_of_fail_or_pass():
     for limit, conformity in expected.items():
         (found,) = judge([of_sensor(system_hysteresis_percent_fso=figure)], {"hysteresis": limit})
         assert found.conformity == conformity
-        assert f"limit {limit:g}, conformity " in found.text
+        assert f"sensor 1: 4.95 % FSO, limit {limit:g} % FSO, conformity " in found.text  # it was "of s1"
 
 
 def test_a_drift_is_limited_on_both_sides():
@@ -156,8 +156,10 @@ def test_a_drift_is_limited_on_both_sides():
 
 def test_a_figure_without_an_interval_has_conditional_statements_only():
     """One cycle gives no interval: neither pass nor fail is certain; a void figure has no statement."""
-    sensor = of_sensor(system_hysteresis_percent_fso=Figure(4.0, "% FSO", 1))
-    assert judge([sensor], {"hysteresis": 5.0})[0].conformity == "conditional_pass"
+    sensor = of_sensor(system_hysteresis_percent_fso=Figure(4.0, "% FSO", 1, reason=Reason.ONE_CYCLE))
+    stated = judge([sensor], {"hysteresis": 5.0})[0]
+    assert stated.conformity == "conditional_pass"
+    assert stated.text.endswith("limit 5 % FSO, one cycle gives no uncertainty: run three")
     assert judge([sensor], {"hysteresis": 3.0})[0].conformity == "conditional_fail"
     absent = judge([sensor], {"repeatability": 3.0})[0]
     assert (absent.conformity, absent.figure.n) == ("undetermined", 0)

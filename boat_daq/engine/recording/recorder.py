@@ -23,7 +23,7 @@ from boat_daq.engine.recording.file import RecordingFile, Statement, now_utc, se
 from boat_daq.engine.recording.resumption import RESUMED, BrokenRun, break_entry, break_text, reopen
 from boat_daq.engine.recording.rows import Counters, RowMaker, camera_row, health_row, reading_row, step_row
 from boat_daq.engine.snapshot import CameraReading, HealthSnapshot, Reading, RunEnding
-from protocol.base.errors import StorageError
+from protocol.base.errors import RequestError, StorageError
 from protocol.recording import RunEnd, describe_dtype, sample_dtype
 
 COMMIT_S = 0.1
@@ -114,8 +114,17 @@ class Recorder:
     @property
     def failure(self) -> str:
         """Why nothing is saved at present; empty while all is."""
-        error = self._refusing or self._error or self._misplaced
+        error = self._failing
         return error.cause if error is not None else ""
+
+    @property
+    def _failing(self) -> StorageError | None:
+        return self._refusing or self._error or self._misplaced
+
+    def require_saving(self) -> None:
+        """Refuse a run that would not be kept. RequestError: nothing is saved at present."""
+        if (error := self._failing) is not None:
+            raise RequestError(f"cannot arm: {error.cause}", error.remedy)
 
     @property
     def at_risk_ms(self) -> float:

@@ -82,6 +82,8 @@ class GuardedController:
         """Arm a plan, and state it in the recording. Parameters and errors are those of `Session.arm`."""
         with self.acting() as control:
             recorder, broken = self._journal.recorder, self._journal.broken
+            if recorder is not None:
+                recorder.require_saving()
             if recorder is not None and broken is not None:
                 broken.check_plan(plan)
                 if not resume:

@@ -217,10 +217,11 @@ class RunModel:
         self.services.notices.attempt(lambda: self._press(button))
 
     def _press(self, button: str) -> None:
-        recording = self.snapshot.recording
+        snapshot = self.snapshot
+        recording = snapshot.recording
         if button == "start" and recording is None:
             self._own = self.record()
-        if button == "arm" and recording is not None and self.session.steps():
+        if button == "arm" and recording is not None and self.session.steps() and not snapshot.not_saving:
             self.session.stop_recording()
         self.sequence.press(button)
         if button == "start":

@@ -396,6 +396,24 @@ def test_a_run_that_is_disconnected_before_it_has_vented_is_over(
         assert reached(session, lambda s: s.link is LinkState.CLOSED, 5).state is SessionState.ABORTED
 
 
+def test_nothing_is_armed_while_the_disk_saves_nothing(session: Session, tmp_path: Path, monkeypatch) -> None:
+    """Armed all the same, the next run would be measured and not kept; with space again it is armed."""
+    with serve_in_thread(BoardSettings(speed=5.0)) as board:
+        session.connect(board.url)
+        session.wait_connected()
+        session.start_recording(tmp_path / "a.boat")
+        recorder = session._journal.recorder
+        assert recorder is not None
+        monkeypatch.setattr(recorder, "_refusing", StorageError("the disk is full", "free some space"))
+        with pytest.raises(RequestError) as refusal:
+            session.arm(PLAN)
+        assert (refusal.value.cause, refusal.value.remedy) == ("cannot arm: the disk is full", "free some space")
+        assert session.snapshot().state is SessionState.IDLE
+        monkeypatch.setattr(recorder, "_refusing", None)
+        session.arm(PLAN)
+        assert session.snapshot().state is SessionState.ARMED
+
+
 def test_connect_and_disconnect_many_times(session: Session) -> None:
     """Eight times: always up again, no thread left over."""
     with serve_in_thread(BoardSettings(speed=50.0)) as board:

@@ -91,6 +91,10 @@ def test_each_run_has_its_own_recording(live):
     assert session.calls[-1:] == ["arm"]
     assert "stop_recording" not in session.calls
     session.marks = (StepMark(1, 0, "start", 50.0, 10.0, 0),)
+    session.change(not_saving="the disk is full")
+    live.model.run.press("arm")  # refused by the session: what waits in memory is kept
+    assert "stop_recording" not in session.calls
+    session.change(not_saving="")
     live.model.run.press("arm")
     assert session.calls[-2:] == ["stop_recording", "arm"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 
-from protocol.base.units import MINUS, NOTHING, STORED_UNITS, ShownUnits, as_text
+from protocol.base.units import MINUS, NOTHING, STORED_UNITS, ShownUnits, as_text, in_shown_units
 
 THIN = "\u2009"  # between thousands and before units
 _SI = ((1.0, "s"), (1e-3, "ms"), (1e-6, "\u00b5s"), (1e-9, "ns"))
@@ -32,6 +32,16 @@ def in_units(units: ShownUnits, stored: str, value: float, decimals: int, *, ban
     text = number(shown.value(value), places, sign=stored in ("mm", "kPa"))
     width = f" \u00b1{number(shown.factor * band, places)}" if band >= 0 else ""
     return f"{text}{width} {as_text(shown.symbol)}".rstrip()
+
+
+def typographic(text: str) -> str:
+    """Return a text whose negative numbers have a minus sign."""
+    return re.sub(r"(?<![\w.])-(?=\d)", MINUS, text)
+
+
+def as_shown(text: str, units: ShownUnits) -> str:
+    """Return a text of engine or analysis with quantities in `units` and the window's minus."""
+    return typographic(in_shown_units(text, units))
 
 
 def pressure(kpa: float | None) -> str:

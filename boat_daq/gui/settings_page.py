@@ -12,6 +12,7 @@ from PySide6.QtWidgets import QComboBox, QLabel, QLineEdit, QListWidget, QListWi
 from boat_daq.engine.described import Described, StoredChange, described
 from boat_daq.engine.settings import Settings, Unit
 from boat_daq.engine.snapshot import SessionSnapshot
+from boat_daq.formatting import typographic
 from boat_daq.gui import style
 from boat_daq.gui.results.metadata_form import MetadataForm
 from boat_daq.gui.widgets import controls
@@ -28,7 +29,6 @@ from boat_daq.viewmodels.settings_model import (
     StoredValues,
     note,
     refusal,
-    typographic,
 )
 from protocol.base.errors import RequestError
 

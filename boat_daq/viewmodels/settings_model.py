@@ -8,7 +8,6 @@ settings are stored; the file is kept.
 from __future__ import annotations
 
 import dataclasses
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -39,11 +38,11 @@ from boat_daq.engine.settings import (
     stored_settings,
 )
 from boat_daq.engine.toml_values import read_text
-from boat_daq.formatting import count
+from boat_daq.formatting import count, typographic
 from boat_daq.viewmodels.common.services import Change, UndoHistory
 from boat_daq.viewmodels.results.metadata import MetadataModel
 from protocol.base.errors import RequestError
-from protocol.base.units import MINUS, NOTHING
+from protocol.base.units import NOTHING
 from protocol.base.whole_file import write_whole
 
 PROGRAM = ""  # in place of the name of a unit
@@ -186,11 +185,6 @@ def note(about: Described) -> str:
     effect = f"applies {about.applies}" if about.applies is not Applies.NOW else ""
     parts = "; ".join(filter(None, (shown, f"default {text}" if text else "", effect)))
     return typographic(f"{parts[:1].upper()}{parts[1:]}.") if parts else ""
-
-
-def typographic(text: str) -> str:
-    """Return a text whose negative numbers have a minus sign."""
-    return re.sub(r"(?<![\w.])-(?=\d)", MINUS, text)
 
 
 def _where(subject: str) -> str:

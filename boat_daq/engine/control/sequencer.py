@@ -312,10 +312,11 @@ class Sequencer:
     def _reached(self, mark: StepMark) -> None:
         """Go to the next step, the next cycle, or the end."""
         if not mark.detail.get("steady", True):
-            text = f"the plateau at {_plateau_name(mark)} was not steady after {self._planned.max_dwell_s:g} s"
+            late = f" was not steady after {self._planned.max_dwell_s:g} s"
+            text = UnitText("the plateau at ", _plateau_name(mark), late)
             self._report(MessageKind.NOT_STEADY, text, "warning", "its drift is recorded with the step")
         if mark.detail.get("reading_timed_out"):
-            self._report(MessageKind.READING_MISSING, f"no reading at {_plateau_name(mark)}", "warning")
+            self._report(MessageKind.READING_MISSING, UnitText("no reading at ", _plateau_name(mark)), "warning")
         if not self._queue and mark.cycle:
             self.complete_cycles += 1
         if not self._queue and self.complete_cycles >= self._planned.cycles:
@@ -522,6 +523,7 @@ class Sequencer:
         return now_s + behind * each_s
 
 
-def _plateau_name(mark: StepMark) -> str:
+def _plateau_name(mark: StepMark) -> UnitText:
     """Return what an operator calls a plateau, e.g. "+50 kPa, cycle 3"."""
-    return f"{mark.target_kpa:+g} kPa, {f'cycle {mark.cycle}' if mark.cycle else 'first plateau'}"
+    target = Quantity(mark.target_kpa, "kPa", "+g")
+    return UnitText(target, f", cycle {mark.cycle}" if mark.cycle else ", first plateau")

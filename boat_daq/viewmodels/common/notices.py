@@ -20,9 +20,10 @@ from typing import Any
 
 from boat_daq.engine.log import note_failure
 from boat_daq.engine.snapshot import LinkState, MessageKind, SessionSnapshot, SessionState
+from boat_daq.formatting import as_shown
 from boat_daq.workflows.jobs import Job, JobState
 from protocol.base.errors import cause_and_remedy
-from protocol.base.units import STORED_UNITS, in_shown_units
+from protocol.base.units import STORED_UNITS
 
 Offer = tuple[str, Callable[[], object]]
 """Label and function of a button."""
@@ -99,7 +100,7 @@ class Notices:
         refusal: bool = False,
     ) -> Notice:
         """Add a notice; one with the same cause is replaced, and the more severe of the two kept."""
-        cause = in_shown_units(cause, self.units)
+        cause, remedy = (as_shown(text, self.units) for text in (cause, remedy))
         action_text, run = action or ("", None)
         severity = max([severity, *(other.severity for other in self._open if other.cause == cause)])
         time = datetime.now().astimezone().strftime("%H:%M:%S")

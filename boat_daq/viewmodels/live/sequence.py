@@ -22,12 +22,12 @@ from boat_daq.engine.plan import Plan, built_in_plans, plan_from_toml
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.snapshot import Limits, LinkState, Phase, SessionSnapshot, SessionState
 from boat_daq.engine.toml_values import BadValue, read_text
-from boat_daq.formatting import count, duration, in_units, stored_number, target
+from boat_daq.formatting import as_shown, count, duration, in_units, stored_number, target
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import Change, UndoHistory
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import BoatDaqError, RequestError
-from protocol.base.units import MINUS, STORED_UNITS, ShownUnits, as_text, in_shown_units
+from protocol.base.units import MINUS, STORED_UNITS, ShownUnits, as_text
 from protocol.base.whole_file import write_whole
 from protocol.recording import SampleFlag
 
@@ -269,7 +269,7 @@ class SequenceModel:
                 plan = replace(self.plan, **changed)
             except BadValue as error:
                 why = ". ".join(
-                    map(_in_terms_of_form, (f"'{error.key}' {in_shown_units(error.why, self.units)}", error.remedy))
+                    map(_in_terms_of_form, (f"'{error.key}' {as_shown(error.why, self.units)}", error.remedy))
                 ).strip()
             else:
                 left = {k: v for k, v in self._typed.items() if k not in changed}
@@ -435,10 +435,10 @@ def progress_text(snapshot: SessionSnapshot, leave_out: int = 0, units: ShownUni
     if is_unknown(snapshot):
         return _promise(snapshot, units)
     if snapshot.state is SessionState.FAULT and snapshot.latched:
-        return snapshot.latched  # of a held pressure, too, which no run was
+        return as_shown(snapshot.latched, units)  # of a held pressure, too, which no run was
     over = snapshot.state in (SessionState.FAULT, SessionState.ABORTED) and not holding_text(snapshot)
     if over and ended is not None and ended.aborted:
-        return ended.cause
+        return as_shown(ended.cause, units)
     if progress is None:
         held = elongation_text(snapshot, units)
         return held[:1].lower() + held[1:]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from enum import Enum
 from typing import NamedTuple
 
@@ -12,10 +11,10 @@ from analysis.calibration.compare import Coefficient
 from analysis.calibration.curve_choice import SPLINE, CurveCandidate
 from analysis.numbers import decimals_for
 from analysis.warning import WarningCode
-from boat_daq.formatting import SUBSCRIPT, SUPERSCRIPT, count, number, sensor_words
+from boat_daq.formatting import SUBSCRIPT, SUPERSCRIPT, count, number, sensor_words, typographic
 from boat_daq.viewmodels.results.run_result import RunResult
 from boat_daq.workflows.acceptance import Lack, lack_text, lacking
-from protocol.base.units import MINUS, NOTHING, Quantity, ShownUnits, as_text
+from protocol.base.units import NOTHING, Quantity, ShownUnits, as_text
 
 Cells = tuple[str, ...]
 LEAST_ELONGATIONS = 4  # of a cubic
@@ -47,7 +46,7 @@ VERDICT_LOOKS = {  # state of a verdict -> state and mark of its text
 
 def shown_text(text: str) -> str:
     """Return a text of the analysis with a capital and the window's minus."""
-    return re.sub(r"(?<![\w.])-(?=\d)", MINUS, text[:1].upper() + text[1:])
+    return typographic(text[:1].upper() + text[1:])
 
 
 def verdict_text(verdict_state: str, text: str) -> tuple[str, str]:

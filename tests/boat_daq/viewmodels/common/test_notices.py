@@ -8,6 +8,7 @@ from dataclasses import replace
 from boat_daq.engine.snapshot import LastSample, LinkState, Message, MessageKind, SessionSnapshot, SessionState
 from boat_daq.viewmodels.common.notices import Notices, SessionMessages, Severity
 from protocol.base.errors import RequestError
+from protocol.base.units import Quantity, ShownUnits, UnitText
 from protocol.recording import BoardState, SampleFlag
 
 
@@ -36,6 +37,17 @@ def test_current_notice_is_the_most_severe():
     notices.dismiss(notices.current())
     now[0] = 60.0
     assert notices.current() is None
+
+
+def test_message_has_the_units_and_the_minus_of_the_window():
+    """Truth: 40 kPa = 400 mbar. The program's own texts and files have a hyphen; a name with one keeps it."""
+    notices = Notices()
+    cause = UnitText("no reading at ", Quantity(-40.0, "kPa", "+g"), ", cycle 1 of a-1.boat")
+    assert cause == "no reading at -40 kPa, cycle 1 of a-1.boat"
+    assert notices.add(Severity.WARNING, cause).cause == "no reading at \u221240 kPa, cycle 1 of a-1.boat"
+    notices.units = ShownUnits.of("mbar")
+    found = notices.add(Severity.WARNING, cause, UnitText("vent below ", Quantity(-1.0, "kPa")))
+    assert found.sentences == "No reading at \u2212400 mbar, cycle 1 of a-1.boat. Vent below \u221210 mbar."
 
 
 def test_attempt_never_raises():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 from PySide6.QtCore import QPointF, QSize, Qt
-from PySide6.QtGui import QColor, QFontMetrics, QImage, QPainter, QPaintEvent, QPen, QPolygonF
+from PySide6.QtGui import QFontMetrics, QImage, QPainter, QPaintEvent, QPen, QPolygonF
 from PySide6.QtWidgets import QSizePolicy, QWidget
 
 from boat_daq.engine.snapshot import SessionSnapshot
@@ -85,7 +85,7 @@ class MarkedPicture(QWidget):
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         for quad in self._outlines:
             shown = QPolygonF([QPointF(scale * (x + 0.5), scale * (y + 0.5)) for x, y in quad])
-            for colour, width in ((QColor("white"), 4), (style.colour(style.LIGHT.elongation), 2)):
+            for colour, width in ((style.colour(style.LIGHT.surface), 4), (style.colour(style.LIGHT.elongation), 2)):
                 painter.setPen(QPen(colour, width))
                 painter.drawPolygon(shown)
 

@@ -5,6 +5,7 @@ Its plots are the rays of a state, NDR over the states, the designs by merit, an
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -15,7 +16,7 @@ from PySide6.QtGui import QColor
 from PySide6.QtWidgets import QComboBox, QGridLayout, QHBoxLayout, QSlider, QWidget
 
 from analysis.optics.scene.parameters import STATES, STEPS_MM
-from boat_daq.engine.snapshot import SessionSnapshot
+from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.formatting import number
 from boat_daq.gui import style
 from boat_daq.gui.plotting.axes import fixed_plot, paint_axis
@@ -27,7 +28,6 @@ from boat_daq.gui.widgets.layouts import ReflowingPage, Shares
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live import axis
 from boat_daq.viewmodels.live.run_model import UNDER_WAY
-from boat_daq.viewmodels.live.sequence import holding_text
 from boat_daq.viewmodels.models.optics import (
     CAVITIES,
     FACE_NAMES,
@@ -53,6 +53,12 @@ MERIT = "P = range / (increases × rms residual), relative to the best; click a 
 STRIP = "Designs by falling figure of merit; filled: cannot be told from the best; click one to show it"
 WHAT_COMES = "Press \u201cSweep all designs\u201d to find which of 648 designs is best, and how sure that is."
 RUNNING = "Under pressure: nothing is traced until the run has ended and the unit is vented."
+
+
+def _is_held(snapshot: SessionSnapshot) -> bool:
+    """Return whether a pressure is commanded by hand, beside an armed plan, too."""
+    last = snapshot.last
+    return snapshot.link is LinkState.UP and last is not None and math.isfinite(last.target_kpa)
 
 
 def designs(sweep: SweepSummary) -> dict[str, Any]:
@@ -129,7 +135,7 @@ class MeritMap:
         self.item = fixed_plot()
         card.view.addItem(self.item, row=self.row, col=self.column)
         self.image = pg.ImageItem(lut=card.shades)
-        self.marks = pg.ScatterPlotItem(pen=pg.mkPen("w", width=1), brush=None)
+        self.marks = pg.ScatterPlotItem(pen=pg.mkPen(style.LIGHT.surface, width=1), brush=None)
         for drawn in (self.image, self.marks):
             self.item.addItem(drawn)
         marks = [(i + 0.5, f"{step:g}") for i, step in enumerate(STEPS_MM)]
@@ -369,7 +375,7 @@ class OpticsPage(ReflowingPage):
     def refresh(self, snapshot: SessionSnapshot | None = None) -> None:
         """Show design and sweep where they have changed; the first call traces the paper's design."""
         model = self.model
-        running = snapshot is not None and (snapshot.state in UNDER_WAY or bool(holding_text(snapshot)))
+        running = snapshot is not None and (snapshot.state in UNDER_WAY or _is_held(snapshot))
         if model.result is None and not running and not model.running("optics") and not model.problem:
             model.choose(model.values)
         self._show_buttons()

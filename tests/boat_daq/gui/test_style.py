@@ -67,9 +67,9 @@ def test_no_colour_is_written_elsewhere():
     """Only the style file and the icons made for it hold a colour."""
     found = [
         f"{path.name}: {match}"
-        for path in [*GUI.glob("*.py"), GUI / "sheet.css"]
+        for path in [*GUI.rglob("*.py"), GUI / "sheet.css"]
         if path.name != "style.py"
-        for match in re.findall(r"#[0-9a-fA-F]{6}\b", path.read_text(encoding="utf-8"))
+        for match in re.findall(r'#[0-9a-fA-F]{6}\b|(?:QColor|mkPen|mkBrush)\("\w+"', path.read_text(encoding="utf-8"))
     ]
     assert found == []
 

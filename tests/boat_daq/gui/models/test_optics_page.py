@@ -181,7 +181,8 @@ def test_nothing_is_traced_by_itself_during_a_run(qtbot, app_model, monkeypatch)
     shown.refresh(SessionSnapshot(SessionState.RUNNING, LinkState.UP))
     assert FakeJob.made == []
     assert "until the run has ended" in shown.scene.empty_text.text()
-    shown.refresh(connected())  # +30 kPa by hand
+    for state in (SessionState.IDLE, SessionState.ARMED):
+        shown.refresh(dataclasses.replace(connected(), state=state))  # +30 kPa by hand
     assert FakeJob.made == []
     shown.refresh(SessionSnapshot(SessionState.IDLE, LinkState.UP))
     assert len(FakeJob.made) == 1

@@ -227,7 +227,7 @@ class AppModel:
         """Pack log, settings, versions and the recording's summary, without names and notes, in the background."""
         job = Job("Packing the bug report", write_bug_report, path)
         done = f"Saved {path.name}, without names and notes. Check it before sending"
-        self.runs.start("bug report", job, lambda _: self.notices.inform(done))
+        self.runs.start(f"bug report {path}", job, lambda _: self.notices.inform(done))
 
     def close(self) -> None:
         """Vent, close the recording and the link, cancel background work."""

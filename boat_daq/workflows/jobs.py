@@ -187,7 +187,7 @@ class Job:
 
 
 class JobRunner:
-    """The running jobs by name; starting one again cancels the one before."""
+    """The running jobs by name, with the file that one writes; starting one again cancels the one before."""
 
     def __init__(self) -> None:
         self._running: dict[str, tuple[Job, Callable[[Job], None]]] = {}

@@ -116,7 +116,7 @@ def by_mouse(scenario) -> None:
     scenario.note("accepted")
     user.click(page.report)
     target = save_as(scenario, user, scenario.folder / "by-mouse.pdf")
-    scenario.until(lambda: target.exists() and model.jobs.get("report") is None, "the report", 120)
+    scenario.until(lambda: target.exists() and model.jobs.get(f"report {target}") is None, "the report", 120)
     scenario.note("PDF made")
     scenario.keep("12-done")
     scenario.done(
@@ -134,7 +134,7 @@ def trial(scenario) -> None:
     scenario.note("analysed")
     user.click(window.pages["Calibration"].report)
     target = save_as(scenario, user, scenario.folder / "trial.pdf")
-    scenario.until(lambda: target.exists() and model.jobs.get("report") is None, "the report", 120)
+    scenario.until(lambda: target.exists() and model.jobs.get(f"report {target}") is None, "the report", 120)
     scenario.note("PDF made")
     scenario.done(clicks=user.clicks, report=target.read_bytes()[:5].decode("latin-1"))
 

@@ -190,7 +190,7 @@ class Scenario:
         self.keep("4-runs")
         target = self.folder / "report.pdf"
         model.runs.report([model.runs.runs[0].path], target)
-        self.until(lambda: model.jobs.get("report") is None, "the report", 90)
+        self.until(lambda: model.jobs.get(f"report {target}") is None, "the report", 90)
         self.note("report made")
         return target
 
@@ -239,7 +239,7 @@ def recover(scenario: Scenario) -> None:
     scenario.keep("6-recovery")
     scenario.click(strip.act)
     model = scenario.window.model
-    scenario.until(lambda: model.jobs.get("recover") is None, "the recovery")
+    scenario.until(lambda: not model.jobs.running(), "the recovery")
     scenario.click(scenario.window.navigation.buttons[Page.RECORDINGS])
     scenario.until(
         lambda: any(r.summary and r.summary.status == "recovered" for r in model.runs.runs), "the recovered run"

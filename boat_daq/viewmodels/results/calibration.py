@@ -268,7 +268,7 @@ class CalibrationModel:
         run, notices = Path(self.result.path), self._services.notices
         label = f"Exporting the calibration of {run.name}"
         job = Job(label, export_calibration, run, target, curve=self.result.curve)
-        self.jobs.start("calibration export", job, notices.ended(lambda _: notices.inform_saved(target)))
+        self.jobs.start(f"calibration export {target}", job, notices.ended(lambda _: notices.inform_saved(target)))
 
     def prepare_control(self, path: Path) -> None:
         """Identify a run's unit for the control of its elongation, or tune it by a step test, in the background."""

@@ -84,4 +84,4 @@ class CertificateModel:
         targets = (target.with_suffix(".pdf"), target.with_suffix(".xml"))
         job = Job("Writing the certificate", write_certificates, self._order, targets)
         saved = self._notices.ended(lambda _: self._notices.inform_saved(targets[0]))
-        self._jobs.start("certificate files", job, saved)
+        self._jobs.start(f"certificate {targets[0]}", job, saved)

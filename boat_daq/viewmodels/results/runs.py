@@ -148,7 +148,7 @@ class RunsModel:
 
     def recover(self, path: Path) -> None:
         """Close a recording that a killed session left open, or save what a damaged one holds, in the background."""
-        self.start("recover", Job(f"Recovering {path.name}", recover, path), self._recovered)
+        self.start(f"recover {path}", Job(f"Recovering {path.name}", recover, path), self._recovered)
 
     def _recovered(self, recovery: Recovery) -> None:
         lost = [*recovery.missing.lines(), *recovery.damaged][:1]
@@ -214,7 +214,7 @@ class RunsModel:
             if void:
                 self._notices.inform(f"{target.name} has no elongation: {void}")
 
-        self.start("export", job, done)
+        self.start(f"export {target}", job, done)
 
     def compare(self, paths: list[Path]) -> None:
         """Analyse two to four recordings in the background, to compare their curves."""
@@ -261,7 +261,7 @@ class RunsModel:
             "Making the report", report_runs, paths, target, curve=curve, level=self.fidelity.level,
             units=self.shown_units,
         )  # fmt: skip
-        self.start("report", job, lambda _: self._notices.inform_saved(target))
+        self.start(f"report {target}", job, lambda _: self._notices.inform_saved(target))
 
     def start(self, name: str, job: Job, done: Callable[[Any], object]) -> None:
         """Run a job; report a failure, or call a function with its result."""

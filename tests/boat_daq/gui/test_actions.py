@@ -91,7 +91,7 @@ def test_bug_report_is_packed_without_names(live, tmp_path, qtbot):
     dialog = next(d for d in live.findChildren(QFileDialog))
     path = tmp_path / "report.zip"
     dialog.fileSelected.emit(str(path))
-    qtbot.waitUntil(lambda: (live.refresh(), live.model.jobs.get("bug report"))[1] is None, timeout=60_000)
+    qtbot.waitUntil(lambda: (live.refresh(), live.model.jobs.get(f"bug report {path}"))[1] is None, timeout=60_000)
     live.refresh()
     assert "versions.json" in zipfile.ZipFile(path).namelist()
     assert live.strip.text.text().startswith("Saved report.zip, without names")

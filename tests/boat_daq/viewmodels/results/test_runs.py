@@ -190,3 +190,22 @@ def test_report_has_the_precision_and_units_of_the_program(monkeypatch, tmp_path
     how = {"level": "reference", "units": model.shown_units}
     assert kwargs == {"curve": "2", **how}
     model.close()
+
+
+def test_jobs_of_other_files_run_beside_each_other(monkeypatch, tmp_path):
+    """A PDF and an HTML report were requested, and two recoveries: the second of each cancelled the first unsaid."""
+    made = []
+    monkeypatch.setattr(runs, "Job", lambda *args, **kwargs: made.append(Mock()) or made[-1])
+    model = RunsModel(tmp_path, UnitLibrary(tmp_path), JobRunner(), Notices(), UndoHistory())
+    recording = tmp_path / "a.boat"
+    model.report([recording], tmp_path / "a.pdf")
+    model.report([recording], tmp_path / "a.html")
+    model.export([recording], tmp_path / "a.csv")
+    model.export([recording], tmp_path / "a.parquet")
+    model.recover(recording)
+    model.recover(tmp_path / "b.boat")
+    assert model.jobs.running() == made
+    assert not any(job.cancel.called for job in made)
+    model.report([recording], tmp_path / "a.pdf")  # the same file again
+    assert [job.cancel.called for job in made] == [True, *[False] * 6]
+    model.close()

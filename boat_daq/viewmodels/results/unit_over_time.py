@@ -57,4 +57,5 @@ class UnitOverTimeModel:
     def report(self, target: Path) -> None:
         job = Job(f"Making the report of {self.name}", report_unit, self.units, self.name, target)
         job.target = target
-        self._jobs.start(f"unit report {target}", job, self._notices.ended(lambda _: self._notices.inform_saved(target)))
+        saved = self._notices.ended(lambda _: self._notices.inform_saved(target))
+        self._jobs.start(f"unit report {target}", job, saved)

@@ -324,6 +324,7 @@ class LivePage(QWidget):
         self.table = ReadingsTable(self.run.readings, self.services)
         self.table.model.corrected.connect(self.focus_reading, Qt.ConnectionType.QueuedConnection)
         self.plan = PlanForm(self.run.sequence, self.run.end_at, self.services)
+        self.plan.changed.connect(self._show_plan_now)
         self.camera = CameraPanel(camera, self.services)
         self.readings = ReadingsTab(self.table, self.camera, self.services)
         pages = ((self.plan, "Plan"), (self.readings, "Readings"), (self.shadow, "Shadow"))
@@ -355,6 +356,10 @@ class LivePage(QWidget):
         self.services.show(Page.MEASURE)
         self.pane.setCurrentWidget(self.plan)
         self.plan.choice.setFocus()
+
+    def _show_plan_now(self) -> None:
+        for panel in (self.plan, self.sequence):
+            panel.refresh(self.run.snapshot)
 
     def edit_segments(self) -> None:
         self.plan_editor.open_fresh(self.run.snapshot)

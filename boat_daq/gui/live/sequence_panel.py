@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QPointF, QRectF, QSignalBlocker, Qt
+from PySide6.QtCore import QPointF, QRectF, QSignalBlocker, Qt, Signal
 from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF, QResizeEvent
 from PySide6.QtWidgets import (
     QBoxLayout,
@@ -230,6 +230,8 @@ class SequencePanel(QFrame):
 
 
 class PlanForm(QScrollArea):
+    changed = Signal()  # the plan, by the operator
+
     def __init__(self, sequence: SequenceModel, end_at: EndAt, services: Services) -> None:
         super().__init__()
         self.sequence, self.end_at, self.services = sequence, end_at, services
@@ -247,14 +249,14 @@ class PlanForm(QScrollArea):
 
     def _plan_card(self) -> QFrame:
         sequence = self.sequence
-        self.choice = controls.choice("Plan", [(name, name) for name in sequence.plans], sequence.choose)
+        self.choice = controls.choice("Plan", [(name, name) for name in sequence.plans], self._choose)
         self.choice.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToMinimumContentsLengthWithIcon)  # any name
         self.fields = {entry.key: self._field(entry.key, entry.label, entry.help) for entry in PLAN_ENTRIES}
         self.refused = controls.label("", wrap=True, name="Why the entry is invalid")
         self.estimate = controls.label("", "muted", wrap=True)
         self.ask_readings = QCheckBox("Wait for each reading")
         self.ask_readings.setChecked(sequence.wait_for_reading)
-        self.ask_readings.toggled.connect(sequence.require_readings)
+        self.ask_readings.toggled.connect(self._require_readings)
         tip = "Pressures, rates, segments, files of the plan"
         self.edit = controls.button("Edit \u2026", lambda: self.more.setVisible(self.edit.isChecked()), tip=tip)
         self.edit.setCheckable(True)
@@ -365,6 +367,15 @@ class PlanForm(QScrollArea):
     def _edit(self, key: str, field: QLineEdit) -> None:
         self.sequence.edit(key, field.text())
         self._show_refused()
+        self.changed.emit()
+
+    def _choose(self, name: str) -> None:
+        self.sequence.choose(name)
+        self.changed.emit()
+
+    def _require_readings(self, wanted: bool) -> None:
+        self.sequence.require_readings(wanted)
+        self.changed.emit()
 
     def _show_refused(self) -> None:
         """Mark the fields with invalid entries, and show why the last one is."""

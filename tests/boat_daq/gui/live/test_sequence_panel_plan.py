@@ -33,6 +33,21 @@ def test_invalid_plan_is_marked_and_not_armed(live):
     assert "arm" in live.model.session.calls
 
 
+def test_what_is_entered_is_shown_at_once(live):
+    """Truth: 91 plateaus in 5 cycles are 18 a cycle and the first. They stood beside "Cycles 1" until the next look."""
+    page, plan = live.live, live.live.plan
+    live.calm_timer.stop()
+    page.pane.setCurrentWidget(plan)
+    live.refresh()
+    assert plan.estimate.text().startswith("91 plateaus")
+    plan.fields["cycles"].setText("1")
+    plan.fields["cycles"].editingFinished.emit()
+    assert plan.estimate.text().startswith("19 plateaus")
+    assert "19 plateaus" in page.sequence.progress.text()
+    plan.choice.activated.emit(plan.choice.findData("step-test"))
+    assert page.sequence.progress.text().startswith("step-test")
+
+
 def test_cycles_and_readings_are_in_sight_and_the_rest_behind_edit(live):
     """Ten fields hid the two that are set; a plan of segments has no highest, lowest and step."""
     live.live.pane.setCurrentWidget(live.live.plan)

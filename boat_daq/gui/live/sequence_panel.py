@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 
-from PySide6.QtCore import QPointF, QRectF, QSignalBlocker, Qt, Signal
-from PySide6.QtGui import QColor, QPainter, QPaintEvent, QPen, QPolygonF, QResizeEvent
+from PySide6.QtCore import QPoint, QPointF, QRectF, QSignalBlocker, Qt, Signal
+from PySide6.QtGui import QColor, QGuiApplication, QPainter, QPaintEvent, QPen, QPolygonF, QResizeEvent
 from PySide6.QtWidgets import (
     QBoxLayout,
     QCheckBox,
@@ -17,6 +17,7 @@ from PySide6.QtWidgets import (
     QLabel,
     QLayout,
     QLineEdit,
+    QMenu,
     QPushButton,
     QScrollArea,
     QSizePolicy,
@@ -25,6 +26,7 @@ from PySide6.QtWidgets import (
 
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
 from boat_daq.gui import style
+from boat_daq.gui.plotting.plot_card import add_exports, save_export
 from boat_daq.gui.style import Theme
 from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
@@ -123,6 +125,8 @@ class SequencePanel(QFrame):
         super().__init__()
         self.run, self.notices = run, notices
         self.picture = StaircasePicture("The plan and its progress")
+        self.picture.setContextMenuPolicy(Qt.ContextMenuPolicy.CustomContextMenu)
+        self.picture.customContextMenuRequested.connect(self._open_menu)
         self.state = controls.label("", "subtitle")
         self.progress = controls.label("", "muted", name="Progress of the run", wrap=True)
         self.progress.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)  # the buttons are not cut
@@ -139,6 +143,23 @@ class SequencePanel(QFrame):
         head = controls.row(self.state, (self.progress, 1), *self.buttons.values(), self.resume, self.calibrate)
         self.inside = controls.column(head, self.uncertainty, (self.picture, 1))
         controls.as_card(self, self.inside)
+
+    def _open_menu(self, at: QPoint) -> None:
+        menu = QMenu(self)
+        menu.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
+        add_exports(menu, partial(self.notices.attempt, self._copy, done="Copied: Plan"), self._ask_save)
+        menu.popup(self.picture.mapToGlobal(at))
+
+    def _copy(self) -> None:
+        QGuiApplication.clipboard().setPixmap(self.picture.grab())
+
+    def _ask_save(self, suffix: str) -> None:
+        ask_save(self, self.run.services, "Plan", suffix, self.save)
+
+    def save(self, path: Path) -> None:
+        """Save the picture as .png or .svg, its ends of ramps and steps as .csv. OSError: it cannot be written."""
+        columns = partial(self.run.sequence.columns, self.run.snapshot)
+        save_export(path, "Plan", self.picture, self.picture.grab, columns)
 
     def fold(self, low: bool) -> None:
         """Show no picture of the plan in a low window."""

@@ -222,6 +222,12 @@ class SequenceModel:
         done = done_s(plan, snapshot) if plan == snapshot.plan else 0.0
         return drawing(plan, done, (limits.min_kpa, limits.max_kpa) if limits and shown else None)
 
+    def columns(self, snapshot: SessionSnapshot) -> dict[str, FloatArray]:
+        """Return the ends of ramps and steps of the plan that is drawn."""
+        plan = self.in_force(snapshot)
+        time_s, values = staircase(plan)
+        return {"time_s": time_s, "elongation_mm" if plan.controls_elongation else "pressure_kpa": values}
+
     def choose(self, name: str) -> None:
         self.take(self.plans[name])
 

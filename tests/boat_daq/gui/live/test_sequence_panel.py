@@ -7,6 +7,8 @@ import math
 from pathlib import Path
 
 import pytest
+from PySide6.QtCore import QPoint
+from PySide6.QtGui import QImage
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import (
     QApplication,
@@ -245,3 +247,24 @@ def test_the_page_of_a_run_fits_a_narrow_window(running):
         QTest.qWait(50)
     scroll = running.scrolls["Measure"]
     assert (scroll.horizontalScrollBar().maximum(), scroll.verticalScrollBar().maximum()) == (0, 0)
+
+
+def test_plan_is_copied_and_saved_by_a_right_click(running, tmp_path):
+    """What every plot offers; truth: the first ramp of the plan, to 50 kPa at 10 kPa/s."""
+    panel = running.live.sequence
+    panel.picture.customContextMenuRequested.emit(QPoint(5, 5))
+    menu = QApplication.activePopupWidget()
+    assert [action.text() for action in menu.actions()] == [
+        "Copy picture",
+        *(f"Save {kind} \u2026" for kind in ("PNG", "SVG", "CSV")),
+    ]
+    menu.actions()[0].trigger()
+    menu.close()
+    assert QApplication.clipboard().pixmap().size() == panel.picture.grab().size()
+    assert running.model.notices.current().cause == "Copied: Plan"
+    for kind in ("png", "svg", "csv"):
+        panel.save(tmp_path / f"plan.{kind}")
+    assert QImage(str(tmp_path / "plan.png")).size() == panel.picture.grab().size()
+    assert "<polyline" in (tmp_path / "plan.svg").read_text(encoding="utf-8")
+    rows = (tmp_path / "plan.csv").read_text(encoding="utf-8").splitlines()
+    assert rows[:3] == ["time_s,pressure_kpa", "0.0,0.0", "5.0,50.0"]

@@ -113,7 +113,7 @@ class MainWindow(QMainWindow):
         application().focusChanged.connect(self.window_keys.follow_focus)
         QGuiApplication.styleHints().colorSchemeChanged.connect(self.follow_theme)
         self._restore()
-        model.offer_recovery()
+        model.runs.offer_recovery()
         self._start_timers()
 
     @cached_property

@@ -215,14 +215,6 @@ class AppModel:
         self.sequence.choose("repeatability")
         self.services.show(Panel.PLAN)
 
-    def offer_recovery(self) -> None:
-        """Offer to recover each recording that a killed session left open."""
-        for path in self.runs.interrupted():
-            cause = f"{path.name} was not closed: the program ended unexpectedly"
-            remedy = "Nothing recorded is lost. Recover closes the file."
-            offer = ("Recover", partial(self.runs.recover, path))
-            self.notices.add(Severity.WARNING, cause, remedy, action=offer)
-
     def save_bug_report(self, path: Path) -> None:
         """Pack log, settings, versions and the recording's summary, without names and notes, in the background."""
         job = Job("Packing the bug report", write_bug_report, path)

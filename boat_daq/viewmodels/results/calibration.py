@@ -23,7 +23,7 @@ from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionState
 from boat_daq.formatting import count, number
-from boat_daq.viewmodels.common.notices import Severity, sentence
+from boat_daq.viewmodels.common.notices import Notice, Severity, sentence
 from boat_daq.viewmodels.common.services import Change, Services
 from boat_daq.viewmodels.results.calibration_texts import (
     VERDICT_LOOKS,
@@ -99,6 +99,7 @@ class CalibrationModel:
         self.last_path: Path | None = None
         self.choice = ""  # that was chosen for the last recording; none: see `chosen_curve`
         self.accepted: CalibrationRecord | None = None
+        self._asked: Notice | None = None  # whether to accept what is out of tolerance
         self._replaced: tuple[Any, ...] = (None, None, (), (), None)  # by a first result
         self.revision = 0
         self.units_revision = 0  # grows whenever a unit's calibration in force changes
@@ -237,6 +238,7 @@ class CalibrationModel:
     def show(self, result: RunResult | None) -> None:
         """Show a result and compare it with the unit's calibration in force."""
         self.jobs.cancel("posterior")  # of the curve before
+        self._services.notices.dismiss(self._asked)  # its button would accept this one
         self.result, self.agreements, self.posterior, self.accepted = result, (), (), None
         self.revision += 1
         self.before = None if result is None else newest_calibration(self._units_of(result), result.unit)
@@ -431,8 +433,9 @@ class CalibrationModel:
     def request_acceptance(self, *, anyway: bool = False) -> None:
         """Accept the calibration; one out of tolerance only with `anyway`, which is then offered."""
         missed, notices = self.out_of_tolerance(), self._services.notices
+        notices.dismiss(self._asked)
         if missed and not anyway:
-            notices.add(
+            self._asked = notices.add(
                 Severity.WARNING,
                 f"this calibration is out of tolerance. {'. '.join(missed)}",
                 "Check its readings, or accept it as it is.",

@@ -25,7 +25,7 @@ from boat_daq.engine.recording.summary import is_simulated
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.formatting import count, number, plain_number
-from boat_daq.viewmodels.common.notices import Notices, Severity
+from boat_daq.viewmodels.common.notices import Notice, Notices, Severity
 from boat_daq.viewmodels.common.services import Change, UndoHistory
 from boat_daq.viewmodels.results.metadata import MetadataModel
 from boat_daq.viewmodels.results.run_entry import MOST_COMPARED, RunEntry, read_run, sort_key
@@ -67,6 +67,7 @@ class RunsModel:
         self.runs: list[RunEntry] = []
         self.units_read: list[UnitLine] = []
         self.comparison: tuple[RunResult, ...] = ()
+        self._offers: dict[Path, Notice] = {}  # to recover a recording
         self.wanted: Path | None = None  # is chosen once it is listed
         self.revision = 0
         self.listed = False  # whether the folder has been read
@@ -146,8 +147,17 @@ class RunsModel:
         """Return the recordings that killed sessions left open."""
         return find_interrupted(self.folder) if self.folder.is_dir() else []
 
+    def offer_recovery(self) -> None:
+        """Offer to recover each recording that a killed session left open."""
+        for path in self.interrupted():
+            cause = f"{path.name} was not closed: the program ended unexpectedly"
+            remedy = "Nothing recorded is lost. Recover closes the file."
+            offer = ("Recover", partial(self.recover, path))
+            self._offers[path] = self._notices.add(Severity.WARNING, cause, remedy, action=offer)
+
     def recover(self, path: Path) -> None:
         """Close a recording that a killed session left open, or save what a damaged one holds, in the background."""
+        self._notices.dismiss(self._offers.pop(path, None))
         self.start(f"recover {path}", Job(f"Recovering {path.name}", recover, path), self._recovered)
 
     def _recovered(self, recovery: Recovery) -> None:
@@ -200,6 +210,7 @@ class RunsModel:
     def resume(self, path: Path, then: Callable[[BrokenRun], None]) -> None:
         """Prepare the resumption of a run in the background; `then` is called with it."""
         read_broken_run(path)
+        self._notices.dismiss(self._offers.pop(path, None))
         self.start("resume", Job(f"Checking {path.name}", prepare_resumption, path), then)
 
     def export(self, paths: list[Path], target: Path) -> None:

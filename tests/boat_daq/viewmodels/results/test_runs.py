@@ -61,6 +61,19 @@ def test_list_arrives_by_polling(recording, tmp_path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a link without its file stands for a deleted one")
+def test_offer_to_recover_leaves_once_it_is_taken_on_the_page(monkeypatch, tmp_path):
+    """ "SA1.boat was not closed" stayed beside the recovered file."""
+    notices, path = Notices(), tmp_path / "SA1.boat"
+    model = RunsModel(tmp_path, UnitLibrary(tmp_path), JobRunner(), notices, UndoHistory())
+    monkeypatch.setattr(model, "interrupted", lambda: [path])
+    monkeypatch.setattr(model, "start", lambda *_: None)
+    model.offer_recovery()
+    assert notices.current().action_text == "Recover"
+    model.recover(path)
+    assert notices.current() is None
+    model.close()
+
+
 def test_file_deleted_during_a_scan_is_left_out(recording, tmp_path):
     """A recording that is gone between listing and reading ends neither the scan nor the choice of the newest."""
     (tmp_path / "whole.boat").symlink_to(recording)

@@ -132,6 +132,8 @@ class ResumeRun:
             return 0, 0
         steps = list(self._session.steps())
         first, complete = resume_point(plan, steps)
+        if plan.cycles == 1 and recording != self._reopened:  # to start over is the same
+            return 0, 0
         return (first, complete) if steps and complete < plan.cycles else (0, 0)
 
     def arm(self) -> None:

@@ -116,6 +116,10 @@ def test_nothing_is_offered_where_nothing_is_left(tmp_path):
     session.change(state=SessionState.IDLE)
     model.follow(session.shown)
     assert notices.current() is None
+    session = vented_run(tmp_path, 0)
+    session.change(plan=dataclasses.replace(plan, cycles=1))  # it was "Resume at cycle 2" of one
+    model.follow(session.shown)
+    assert (model.first_cycle, notices.current()) == (0, None)
 
 
 def test_closed_run_resumes_only_on_a_free_board(tmp_path, closed):

@@ -27,7 +27,7 @@ from boat_daq.viewmodels.live.live_model import LiveModel
 from boat_daq.viewmodels.live.readings import ReadingsModel
 from boat_daq.viewmodels.live.sequence import AT_REST, SequenceModel, is_unknown
 from boat_daq.workflows.end_at_uncertainty import EnoughCycles
-from protocol.base.errors import RequestError
+from protocol.base.errors import BoatDaqError, RequestError
 from protocol.base.units import NOTHING, as_text
 from protocol.recording import RunEnd
 
@@ -225,9 +225,21 @@ class RunModel:
             self._own = self.record()
         if button == "arm" and recording is not None and self.session.steps() and not snapshot.not_saving:
             self.session.stop_recording()
-        self.sequence.press(button)
+        try:
+            self.sequence.press(button)
+        except BoatDaqError:
+            if button == "start" and recording is None:  # refused: nothing runs that its recording could hold
+                self._discard()
+            raise
         if button == "start":
             self.services.show(Page.MEASURE)  # which asks for the readings
+
+    def _discard(self) -> None:
+        """Delete the recording that was begun for a run that was refused; what is armed or held stays so."""
+        self.session.recording.end(RunEnd.STOPPED)
+        if self._own is not None:
+            self._own.unlink(missing_ok=True)
+        self._own = None
 
     def begin(self, plan: Plan) -> None:
         """Arm and start a plan that waits for each reading, in a recording of its own."""
@@ -239,9 +251,7 @@ class RunModel:
     def follow(self, snapshot: SessionSnapshot) -> None:
         """Read the grid where every plateau is read from it, and continue a quick trial."""
         if snapshot.refused_first and snapshot.recording is not None and snapshot.recording == self._own:
-            self.session.stop_recording()
-            self._own.unlink(missing_ok=True)
-            self._own = None
+            self._discard()
             self.services.notices.inform("nothing was measured: the recording of this run was deleted")
         if self.read_all and snapshot.waiting_for_reading is not None:
             self.read_simulated(snapshot.waiting_for_reading.step_id)

@@ -151,3 +151,10 @@ def test_a_refused_first_pressure_deletes_the_recording_of_its_run(tmp_path, mon
         run.services.notices.attempt.call_args.args[0]()
         run.follow(dataclasses.replace(connected(), recording=path, refused_first=True))
         assert path.exists() is begun_before
+        path.touch()
+        run.sequence.press.side_effect = RequestError("the unit is under pressure", "vent it first")
+        run.press("start")
+        with pytest.raises(RequestError, match="under pressure"):
+            run.services.notices.attempt.call_args.args[0]()
+        run.sequence.press.side_effect = None
+        assert path.exists() is begun_before

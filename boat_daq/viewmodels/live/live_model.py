@@ -202,7 +202,10 @@ class LiveModel:
         """Return what each plot shows, from the top; kept, because each frame asks several times."""
         layout, quantities = self.layout(), self.quantities()
         if self._plots is None or self._plots[0] is not layout or self._plots[1] != quantities:
-            self._plots = layout, quantities, layout.plots(quantities)
+            shown = layout.plots(quantities)
+            if self._plots is None or self._plots[2] != shown:
+                self._ranges.clear()  # else an own axis keeps the range of those that shared it
+            self._plots = layout, quantities, shown
         return self._plots[2]
 
     def now_s(self) -> float:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from PySide6.QtWidgets import QMenu
 
+from boat_daq.viewmodels.live.axis import framed
 from boat_daq.viewmodels.live.layout import ELONGATION, PRESSURE, Layout
 from boat_daq.workflows.live_conversion import LiveElongation
 from tests.boat_daq.gui.windows import run_command, run_shortcut, shared_window
@@ -82,6 +83,9 @@ def test_second_signal_on_an_axis_of_its_own(live):
     choose(live, 0, "Own axis: Sensor 2")
     assert (plots._shown[0].left, plots._shown[0].right) == ((S1,), (S2,))
     assert plots.rows[0].right._title == "Sensor 2"
+    for quantity, shown in ((S1, plots.rows[0].left.range), (S2, plots.rows[0].right.range)):
+        own = plots.curves[quantity].y  # the second one kept the range of both
+        assert list(shown) == pytest.approx(framed(own.min(), own.max()))
 
 
 def test_cursors_and_markers_are_in_the_plot_at_the_top(live):

@@ -100,6 +100,7 @@ class AppModel:
             NotIdentified: ("Prepare it", partial(self.notices.attempt, self._prepare_control)),
         }
         self._disagreeing: Notice | None = None
+        self._alarms: list[Notice] = []  # of the run that is monitored
         self._continuous = False  # whether a repeatability run is in progress
         self.snapshot = session.snapshot()
         self._messages = SessionMessages(self.notices, self.snapshot)
@@ -162,8 +163,11 @@ class AppModel:
             self.services.choose(Tab.REPEATABILITY)
 
     def _report_alarms(self) -> None:
-        for sentence in self.monitor.poll():
-            self.notices.add(Severity.WARNING, sentence, "Check tubing, zero and the actuator before the next run.")
+        sentences = self.monitor.poll()
+        while self._alarms and not self.monitor.alarms:  # another run is followed
+            self.notices.dismiss(self._alarms.pop())
+        remedy = "Check tubing, zero and the actuator before the next run."
+        self._alarms += [self.notices.add(Severity.WARNING, sentence, remedy) for sentence in sentences]
 
     def _report_disagreement(self) -> None:
         found = self.disagreement.follow(connected=self.connected())

@@ -1,4 +1,4 @@
-"""What the application model compiles when the window opens, in helper processes."""
+"""What the application model compiles when the window opens, and what it withdraws when another run is followed."""
 
 from __future__ import annotations
 
@@ -43,3 +43,17 @@ def test_what_is_missing_is_compiled(tmp_path, monkeypatch, ended, missing, then
     assert started == [lacks_code, *then]
     model.jobs.close()
     session.close()
+
+
+def test_alarms_of_one_run_leave_with_the_next(tmp_path, monkeypatch):
+    """ "Leak since cycle 12; check the tubing before the next run" stayed through the next run."""
+    model = AppModel(Session(Settings(), UnitLibrary(tmp_path)), tmp_path, tmp_path, UnitLibrary(tmp_path))
+    found = [["leak since cycle 12"], [], []]
+    monkeypatch.setattr(model.monitor, "poll", lambda: found.pop(0))
+    shown = []
+    for alarms in (["leak"], ["leak"], []):
+        model.monitor.alarms = alarms
+        model.tick()
+        shown.append(model.notices.current() and model.notices.current().cause)
+    model.close()
+    assert shown == ["leak since cycle 12", "leak since cycle 12", None]

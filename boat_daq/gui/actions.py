@@ -162,7 +162,7 @@ def view(window: MainWindow) -> list[Command]:
         add(
             "Freeze or follow the plot",
             "Space",
-            live.model.toggle_freeze,
+            plots.toggle_freeze,
             is_measure,
             why=lambda: ON_MEASURE,
             also=held,

@@ -257,7 +257,7 @@ class LivePage(QWidget):
         windows = [("all" if math.isinf(s) else formatting.span(s), s) for s in WINDOWS_S]
         self.window_choice = controls.choice("Time shown", windows, self.model.set_window, tip="Time shown")
         self.show_ = controls.label("Show", "muted")
-        self.freeze = controls.button("Freeze plot", self.model.toggle_freeze, tip="Recording continues (Space)")
+        self.freeze = controls.button("Freeze plot", self.plots.toggle_freeze, tip="Recording continues (Space)")
         for widget in (self.freeze, self.show_, self.window_choice):
             self.plots.bar.insertWidget(self.plots.bar.count() - 1, widget)
         frame, self.head_card = controls.card(controls.row(self.figure_line, None))
@@ -266,7 +266,7 @@ class LivePage(QWidget):
 
     def _frozen(self) -> QFrame:
         """Return the banner of plots that do not follow the data."""
-        self.follow = controls.button("Follow", self.model.toggle_freeze, tip="Show the newest data (Space)")
+        self.follow = controls.button("Follow", self.plots.toggle_freeze, tip="Show the newest data (Space)")
         mark = controls.label("FROZEN", "subtitle")
         controls.set_state(mark, "warning")
         mark.setToolTip("The plots show the past. Sampling continues.")

@@ -408,11 +408,14 @@ class LivePlots(PlotCard):
         return texts
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Hide the values when the mouse leaves the plots."""
         if event.type() is QEvent.Type.Leave:
-            self._mouse = None
-            self.show_values()
+            self._leave()
         return super().eventFilter(watched, event)
+
+    def _leave(self) -> None:
+        """Hide the values at the mouse."""
+        self._mouse = None
+        self.show_values()
 
     def _moved(self, *_: object) -> None:
         """Keep the time that the mouse has moved to; a zoom in height alone follows on."""
@@ -422,6 +425,10 @@ class LivePlots(PlotCard):
         if moved is not None:
             self.model.frozen_s = (max(moved[0], 0.0), max(moved[1], 1.0))
 
+    def toggle_freeze(self) -> None:
+        """Keep the current span, or follow the data again: the newest ones may lie above or below a box."""
+        (self.model.toggle_freeze if self.model.following else self.autoscale)()
+
     def autoscale(self) -> None:
         """Follow the data again, each plot as high as they need."""
         self.model.frozen_s = None
@@ -429,6 +436,7 @@ class LivePlots(PlotCard):
             plot.autoscale()
 
     def add_plot_actions(self, menu: QMenu, plot: Plot, x: float) -> None:
+        menu.aboutToHide.connect(self._leave)  # the mouse may then be elsewhere, and no event says so
         for which in ("a", "b"):
             menu.addAction(f"Cursor {which.upper()} here", partial(self.move_cursor, which, x))
         if self.model.cursors_s:

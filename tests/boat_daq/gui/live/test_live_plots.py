@@ -185,6 +185,10 @@ def test_values_at_the_mouse_are_shown_in_each_plot(live):
     assert at["time_s"] == pytest.approx(272.0, abs=0.2)
     QApplication.sendEvent(plots.view.viewport(), QEvent(QEvent.Type.Leave))
     assert not any(hair.isVisible() for hair in plots._hairs.values())
+    QTest.mouseMove(plots.view.viewport(), place)
+    assert plots._hairs[plots.pressure].isVisible()
+    menu_of(live, plots.pressure, 272.0)  # after it the mouse is elsewhere: the values stood over the data
+    assert not any(hair.isVisible() for hair in plots._hairs.values())
 
 
 def test_cursors_show_statistics(live):
@@ -241,8 +245,11 @@ def _drag(view, begin, end):
     QTest.mouseRelease(view.viewport(), Qt.MouseButton.LeftButton, pos=end)
 
 
-def test_box_zooms_time_and_height_and_a_double_click_shows_all(live):
-    """Truth: the corners of the box, in seconds and kilopascal; other plots keep their heights."""
+def test_box_zooms_time_and_height_until_follow_or_a_double_click(live):
+    """Truth: the corners of the box, in seconds and kilopascal; other plots keep their heights.
+
+    Follow kept the height of the box: the newest values lay outside, and the plot was empty.
+    """
     live.frame_timer.stop()
     live.refresh()
     live.draw()
@@ -254,16 +261,18 @@ def test_box_zooms_time_and_height_and_a_double_click_shows_all(live):
     QTest.mousePress(plots.view.viewport(), Qt.MouseButton.RightButton, pos=corners[0])  # its release goes to the menu
     plots._open_menu(corners[0])
     QApplication.activePopupWidget().close()
-    menu_of(live, plots.pressure, 270.0)["Zoom to a box"].trigger()
-    _drag(plots.view, *corners)
-    live.draw()
-    assert live.model.live.span_s() == pytest.approx((260.0, 280.0), abs=0.3)
-    assert box.viewRange()[1] == pytest.approx([-10.0, 30.0], abs=2.5)  # of about 1.1 kPa a pixel
-    assert plots.first.item.getViewBox().viewRange()[1] == heights
-    box.autoscale_wanted.emit()
-    live.draw()
-    assert live.model.live.following
-    assert box.viewRange()[1][1] >= 50.0
+    for show_all in (box.autoscale_wanted.emit, live.live.follow.click):
+        menu_of(live, plots.pressure, 270.0)["Zoom to a box"].trigger()
+        corners = [plots.view.mapFromScene(box.mapViewToScene(QPointF(*at))) for at in ((260.0, 30.0), (280.0, -10.0))]
+        _drag(plots.view, *corners)
+        live.draw()
+        assert live.model.live.span_s() == pytest.approx((260.0, 280.0), abs=0.3)
+        assert box.viewRange()[1] == pytest.approx([-10.0, 30.0], abs=2.5)  # of about 1.1 kPa a pixel
+        assert plots.first.item.getViewBox().viewRange()[1] == heights
+        show_all()
+        live.draw()
+        assert live.model.live.following
+        assert box.viewRange()[1][1] >= 50.0
 
 
 def test_wheel_on_the_left_axis_zooms_in_height_and_follows_on(live):

@@ -26,7 +26,6 @@ from boat_daq.viewmodels.live.shadow_live import SCALES
 from boat_daq.viewmodels.results.metadata import MetadataModel
 
 CONNECTED = "Disconnect the board first."
-UNCONNECTED = "Connect a board first."
 NO_CURVE = "Analyse a run with readings first."
 NOT_NOW = {  # by the button of the run
     "arm": "End the run first.",
@@ -81,7 +80,7 @@ def session(window: MainWindow) -> list[Command]:
         attempt(show)
 
     first = partial(add, shortcut="", available=run.trial.possible, why=lambda: CONNECTED)
-    live = partial(add, available=model.connected, why=lambda: UNCONNECTED)
+    live = partial(add, available=model.connected, why=model.why_not)
     start = partial(attempt, connection.start_virtual_board)
     more, stamp = partial(attempt, start_window), "operator customer item serial note ambient"
     streams = "lsl secop outlet server network"
@@ -191,7 +190,7 @@ def run(window: MainWindow) -> list[Command]:
             return key in model.sequence.allowed(model.run.snapshot)  # now: F6 may follow F5 at once
 
         def why() -> str:
-            return NOT_NOW[key] if model.snapshot.can_command else UNCONNECTED
+            return NOT_NOW[key] if model.snapshot.can_command else model.why_not()
 
         return Command(menu, text, keys, partial(model.run.press, key), allowed, why=why, also=also)
 

@@ -20,7 +20,7 @@ from boat_daq.viewmodels.common.open_windows import OpenWindows
 from boat_daq.viewmodels.common.preferences import Precision, Preferences, UnitChoice
 from boat_daq.viewmodels.common.services import Page, Panel, Place, Services, Tab, UndoHistory
 from boat_daq.viewmodels.live.camera import CameraModel
-from boat_daq.viewmodels.live.connection import ConnectionModel
+from boat_daq.viewmodels.live.connection import ENDED, ConnectionModel
 from boat_daq.viewmodels.live.layout import Layouts
 from boat_daq.viewmodels.live.live_model import LiveModel, OverlayModel
 from boat_daq.viewmodels.live.outlets import OutletsModel
@@ -180,6 +180,12 @@ class AppModel:
     def connected(self) -> bool:
         """Return whether samples arrived at the last tick."""
         return self.snapshot.link is LinkState.UP
+
+    def why_not(self) -> str:
+        """Return why no board can be recorded or commanded."""
+        if self.snapshot.why_read_only:
+            return f"This link is read only: {self.snapshot.why_read_only}."
+        return "Connect a board first." if self.snapshot.link in ENDED else "No data arrive from the board."
 
     def title(self) -> str:
         """Return the window's title; it shows a simulated board too."""

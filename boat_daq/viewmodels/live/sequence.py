@@ -445,6 +445,8 @@ def progress_text(snapshot: SessionSnapshot, leave_out: int = 0, units: ShownUni
     over = snapshot.state in (SessionState.FAULT, SessionState.ABORTED) and not holding_text(snapshot)
     if over and ended is not None and ended.aborted:
         return as_shown(ended.cause, units)
+    if snapshot.why_read_only:
+        return f"read only: {snapshot.why_read_only}"
     if progress is None:
         held = elongation_text(snapshot, units)
         return held[:1].lower() + held[1:]

@@ -23,7 +23,7 @@ from boat_daq.engine.snapshot import (
 from boat_daq.viewmodels.common.notices import Severity
 from protocol.recording import RunEnd
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
-from tests.boat_daq.gui.windows import ASKED, NARROW, PATIENCE_MS, RAMPING, Grid
+from tests.boat_daq.gui.windows import ASKED, NARROW, PATIENCE_MS, RAMPING, Grid, run_shortcut
 from tests.conftest import mostly_at_night
 
 
@@ -144,9 +144,11 @@ def test_buttons_follow_the_state(make):
     session.change(state=SessionState.RUNNING)
     window.refresh()
     assert shown() == {"pause", "stop"}
-    session.shown = dataclasses.replace(session.shown, can_command=False)
+    session.shown = dataclasses.replace(session.shown, can_command=False, why_read_only="no vent")
     window.refresh()
     assert shown() == set()
+    run_shortcut(window, "F5")  # it was "Connect a board first"
+    assert window.model.notices.current().remedy == "This link is read only: no vent."
 
 
 def test_end_of_a_run_offers_to_calibrate(make):

@@ -90,8 +90,9 @@ def test_every_state_has_its_buttons(tmp_path):
 
 def test_board_that_cannot_be_commanded_has_no_buttons(tmp_path):
     """A text profile without commands shows data; no button of the run is offered."""
-    session = RecordedSession(dataclasses.replace(connected(), can_command=False))
+    session = RecordedSession(dataclasses.replace(connected(), can_command=False, why_read_only="no vent"))
     assert sequence(tmp_path, session).allowed(session.snapshot()) == ()
+    assert shown(can_command=False, why_read_only="no vent")[1] == "read only: no vent"  # it proposed the plan
 
 
 @pytest.mark.parametrize(

@@ -68,9 +68,10 @@ class RecordingStatus:
         lag_ms = health.lag_ms if health is not None else 0.0
         if snapshot.not_saving or lag_ms > NOT_SAVED_MS:
             waits = f" {duration(lag_ms / 1e3)}" if lag_ms > _LOOK_S * 1e3 else ""
-            short = text = f"\u25a0 NOT SAVING{waits}"
+            least = "\u25a0 NOT SAVING"
+            text = least + waits
             tip = f"{sentence(snapshot.not_saving or 'the disk takes no data; they wait in memory')}\n{tip}"
-            return RecordingText(text, short, short, tip, "fault", button)
+            return RecordingText(text, text, least, tip, "fault", button)
         wrong = little or (health is not None and health.late)
         state = "warning" if wrong else ""
         return RecordingText(text, f"{short}   {left}" if little else short, short, tip, state, button)

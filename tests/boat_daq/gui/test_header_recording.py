@@ -89,9 +89,12 @@ def test_header_of_a_full_disk_is_never_cut(live, tmp_path, monkeypatch):
     pressure = live.model.live.headline(live.model.snapshot).pressure
     live.header._vents = dataclasses.replace(live.header._vents, others=lambda: ["SA2"])
     hello = dataclasses.replace(HELLO, board_id="SIMULATED-SA1")
-    for link in (LinkState.UP, LinkState.LOST):
+    view = dataclasses.replace(live.model.outlets.view(), badge="LSL signals, SECoP", short="LSL, SECoP", control=True)
+    monkeypatch.setattr(type(live.model.outlets), "view", lambda _: view)
+    health = HealthSnapshot(LinkStatistics(lost=12), 100.0, 100.0, 9.0, 75_000.0, None, None, None, ())
+    for link, lag in ((LinkState.UP, None), (LinkState.LOST, None), (LinkState.SILENT, health)):
         live.model.session.change(
-            hello=hello, recording=tmp_path / "a.boat", recorded_s=65.0, link=link, simulated=True
+            health=lag, hello=hello, recording=tmp_path / "a.boat", recorded_s=65.0, link=link, simulated=True
         )
         live.refresh()
         QApplication.processEvents()

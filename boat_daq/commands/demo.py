@@ -81,8 +81,8 @@ def demo(
 ) -> None:
     """Run a calibration session on the virtual board: connect, cycles, readings, calibration, bands, shadow, report.
 
-    With a screen it opens the window at its first steps; without, it prints the figures and their true values. All
-    data are marked SIMULATED.
+    With a screen it opens the window at its first steps and uses no other option; without, it prints the figures and
+    their true values. All data are marked SIMULATED.
 
     Example: boat-daq demo --headless --out out/demo
     """

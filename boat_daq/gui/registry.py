@@ -129,8 +129,9 @@ class WindowKeys(QObject):
     F4 vents over everything, Shift+F4 all windows, and no dialog covers the header, which has VENT: a click on it vents
     over an open menu or list too, which Qt would only close. Esc closes a menu, a list or a dialog that has the
     keyboard; elsewhere it is a command. Space freezes the plots where they are shown, whatever has the focus but a text
-    field; elsewhere it goes to the control with the focus. Enter presses a focused button. Undo and redo go to a field
-    while it has edits to undo, else to the window's history: the reading field has the focus for a whole run.
+    field other than that of the reading; elsewhere it goes to the control with the focus. Enter presses a focused
+    button. Undo and redo go to a field while it has edits to undo, else to the window's history: the reading field has
+    the focus for a whole run.
 
     Where a control with the focus disappears, Qt gives the focus to the next one, and a window that is opened to its
     first: a key would press it. Here it then goes nowhere.
@@ -211,6 +212,9 @@ class WindowKeys(QObject):
             return _keep(event)
         if event.key() == Qt.Key.Key_Space:
             frozen = self.shows_plots() and QApplication.activeWindow() is self.window and _nothing_open()
+            if frozen and focus is not None and focus.property("role") == "reading":  # a number has no space
+                event.ignore()
+                return True
             return False if frozen else _keep(event)
         return _leave_to_shortcuts(event, focus) if isinstance(focus, QLineEdit) else False
 

@@ -403,7 +403,9 @@ class LivePage(QWidget):
         shown, other = (self.freeze, self.frozen) if self.model.following else (self.frozen, self.freeze)
         other.hide()  # first: both together would push the pane aside
         shown.show()
-        shown_s = self.model.window_s
+        shown_s, frozen_s = self.model.window_s, self.model.frozen_s
+        if frozen_s is not None and not math.isclose(frozen_s[1] - frozen_s[0], shown_s, rel_tol=0.01):
+            shown_s = math.nan  # zoomed
         self.window_choice.setCurrentIndex(WINDOWS_S.index(shown_s) if shown_s in WINDOWS_S else -1)
         self.guard.show(self.plots, "The marks in the plots", partial(self._show_marks, snapshot))
         self.guard.show(self.sequence, "The run", partial(self.sequence.refresh, snapshot))

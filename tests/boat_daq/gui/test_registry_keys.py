@@ -57,3 +57,5 @@ def test_undo_reverses_the_reading_while_its_field_has_focus(make, qtbot):
     QTest.keyClicks(field, "12")
     QTest.keyClick(handle, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
     assert (field.text(), len(session.kept)) == ("", 2)
+    QTest.keyClick(handle, Qt.Key.Key_Space)  # it was typed into the field, which has the focus all run long
+    assert (field.text(), window.model.live.following) == ("", False)

@@ -125,7 +125,7 @@ def press_space(window) -> str:
     following, page, focus = window.model.live.following, window.page, QApplication.focusWidget()
     running = len(window.model.jobs.running())
     over = is_open(window)
-    typing = hasattr(focus, "isReadOnly") and not focus.isReadOnly()
+    typing = hasattr(focus, "isReadOnly") and not focus.isReadOnly() and focus.property("role") != "reading"
     press(window, Key.Key_Space)
     froze = window.model.live.following is not following
     if over:

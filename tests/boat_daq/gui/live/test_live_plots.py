@@ -305,6 +305,11 @@ def test_panning_stops_following(live):
     box.sigRangeChangedManually.emit([True, True])
     assert not live.model.live.following
     assert live.model.live.span_s() == pytest.approx((100.0, 110.0))
+    live.refresh()
+    assert live.live.window_choice.currentText() == ""  # it was "1 min" beside ten seconds
+    live.live.follow.click()
+    live.refresh()
+    assert live.live.window_choice.currentText() == "1 min"
 
 
 def test_both_signals_on_one_axis(live):

@@ -32,7 +32,8 @@ EXPECTED: Mapping[str, str] = {
 
 STAND_INS = ("repeatability", "hysteresis")
 """Contributions that stand in for what a run did not show, and do not count where it did."""
-ONE_CYCLE = "one cycle gives no uncertainty: run two or more"
+NO_SPREAD = "one cycle gives no uncertainty"
+ONE_CYCLE = f"{NO_SPREAD}: run two or more"
 
 
 class Distribution(StrEnum):
@@ -108,7 +109,7 @@ def counted(given: Sequence[TypeBContribution], missing: Collection[str]) -> tup
 def stand_in_text(given: Sequence[TypeBContribution], missing: Collection[str]) -> str:
     """Return what U rests on instead of the run, as a sentence; "" where it rests on the run."""
     used = [f"{one.name} ({one.statement})" for one in counted(given, missing) if one.name in STAND_INS]
-    return f"U rests on a stated stand-in for what the run did not show: {'; '.join(used)}" if used else ""
+    return f"U includes a stated value for what the run did not show: {'; '.join(used)}" if used else ""
 
 
 class ContributionError(RequestError):

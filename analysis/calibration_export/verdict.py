@@ -107,7 +107,7 @@ class Verdict:
             return "U is not known yet"
         if not math.isfinite(self.u_mm):
             return UnitText("U is not known ", where, f": {self.reason}")
-        mark = ", with a stand-in" if self.u_stand_in else ""
+        mark = ", with a stated value" if self.u_stand_in else ""
         return UnitText("U = ", Quantity(self.u_mm, "mm", ".2g"), f" (k = {COVERAGE_FACTOR:g}{mark}) ", where)
 
     @property

@@ -28,7 +28,7 @@ from analysis.calibration.compare import Agreement, compare_fits
 from analysis.calibration.fit import Calibration
 from analysis.calibration.inverse import Inverse, raise_without_inverse
 from analysis.calibration.record import CalibrationRecord
-from analysis.calibration.type_b import Traceability, TypeBContribution, not_assessed, traceability
+from analysis.calibration.type_b import NO_SPREAD, Traceability, TypeBContribution, not_assessed, traceability
 from analysis.calibration_export.verdict import verdict_of
 from analysis.certificates.laboratory import Laboratory
 from analysis.conformity import RULE
@@ -299,10 +299,11 @@ def _item(
         remedy = "Correct it, leave it out, or confirm it with a reason."
         raise DataError(f"{recording.source or 'the run'} has {check}", remedy)
     if all(sensor.void for sensor in sensors):
-        cause = f"{recording.source or 'the run'} has no calibration to certify: {sensors[0].void}"
-        if any(
-            one.calibration is not None and signal_parts(analysis, i).void for i, one in enumerate(analysis.sensors)
-        ):
+        parts = [signal_parts(analysis, i) for i, one in enumerate(analysis.sensors) if one.calibration is not None]
+        one_cycle = any(part.one_cycle for part in parts)
+        why = f"its U is not known: {NO_SPREAD}" if one_cycle else sensors[0].void
+        cause = f"{recording.source or 'the run'} has no calibration to certify: {why}"
+        if any(part.void for part in parts):
             raise DataError(cause, "Run two cycles or more, and read both branches.")
         raise DataError(cause, "Calibrate the unit, or choose another curve.")
     begun, ended = (str(recording.meta.get(key) or "")[:10] for key in ("started_utc", "ended_utc"))

@@ -160,6 +160,7 @@ class SignalParts:
     noise_dof: float
     repeatability_dof: float
     void: str = ""
+    one_cycle: bool = False  # whether that is the reason in `void`
     settling: float = 0.0
     course: FloatArray = field(default_factory=lambda: np.ones(1))
     missing: tuple[str, ...] = ()
@@ -214,6 +215,7 @@ def signal_parts(analysis: AnalysedRun, sensor: int) -> SignalParts:
     missing = {"repeatability": _unrepeated(figures, cycles), "noise": noiseless, "hysteresis": no_loop}
     missing = {name: why for name, why in missing.items() if why}
     given = {one.name for one in counted(analysis.options.type_b, missing)}
+    unknown = next((name for name in missing if name not in given), "")
     together = CycleEffect.of(analysis.loops, sensor)
     return SignalParts(
         noise=_without(noise, resolution, ambient),
@@ -226,7 +228,8 @@ def signal_parts(analysis: AnalysedRun, sensor: int) -> SignalParts:
         half_loop=half_loop,
         noise_dof=float(max(analysis.recording.n // 10, 1)),
         repeatability_dof=together.dof(repeatability, ramp),
-        void=next((why for name, why in missing.items() if name not in given), ""),
+        void=missing.get(unknown, ""),
+        one_cycle=unknown == "repeatability" and cycles == 1,
         missing=tuple(missing),
         stand_in=stand_in_text(analysis.options.type_b, missing),
     )

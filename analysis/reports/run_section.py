@@ -319,7 +319,7 @@ def _budget_table(found: ElongationBudgets) -> ReportTable:
     expanded = (
         t
         for b in budgets
-        for t in (NOTHING if b.void else f"{1000 * b.expanded:.0f}{', stand-in' if b.stand_in else ''}", "")
+        for t in (NOTHING if b.void else f"{1000 * b.expanded:.0f}{', stated' if b.stand_in else ''}", "")
     )
     known = not all(b.void for b in budgets)
     rows.append(("combined", *combined, f"effective degrees of freedom {dof}" if known else ""))

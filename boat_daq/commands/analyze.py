@@ -213,7 +213,7 @@ def _show_sensors(analysis: Analysis) -> None:
     for sensor, budget in zip(sensors, analysis.budgets.budgets if analysis.budgets else (), strict=False):
         assert analysis.budgets is not None
         at = f"at {analysis.budgets.x_mm:+z.2f} mm"
-        mark = ", with a stand-in" if budget.stand_in else ""
+        mark = ", with a stated value" if budget.stand_in else ""
         known = f"U = {1000 * budget.expanded:.0f} µm (k = 2{mark}) {at}"
         expanded = f"U is not known: {budget.void}" if budget.void else known
         show(f"{sensor.name}: {expanded}")

@@ -77,6 +77,7 @@ class MainWindow(QMainWindow):
         self.pages: dict[Place, Any] = {}  # those that have been shown
         self.follow_theme()  # before there is a widget: each is styled once, where it is shown
         self._leave_until = 0.0
+        self._focus_next: QWidget | None = None
         self._used_s, self._frame_ms = thread_time(), 0.0  # processor time of this thread; of a frame, smoothed
         self.guard = PanelGuard(model.notices)
         model.services.show, model.services.choose, model.services.open = self.show_place, self.choose, self.open_file
@@ -200,6 +201,9 @@ class MainWindow(QMainWindow):
         self.guard.show(self.header, "The header", lambda: self.header.refresh(snapshot, elsewhere))
         page = self.pages[self.place]
         self.guard.show(page, str(self.place), lambda: page.refresh(snapshot))
+        focus = QApplication.focusWidget()
+        if focus is None or (focus.window() is self and not self.stack.isAncestorOf(focus)):
+            self._give_focus()  # of a page that was loading
         due = snapshot.waiting_for_reading is not None and self.page is not Page.MEASURE
         self.navigation.mark(Page.MEASURE, "a reading is due" if due else "")
         self.guard.show(self.strip, "The messages", self.strip.refresh)
@@ -230,6 +234,7 @@ class MainWindow(QMainWindow):
 
     def go(self, name: Place) -> None:
         name = next((self.chosen[page] for page in TABS if page == name), name)
+        self._focus_next = None
         page, focus = self.open_page(name), QApplication.focusWidget()
         if focus is not None and self.stack.isAncestorOf(focus) and name != self.place:
             focus.clearFocus()  # else Qt gives it to the first control of the new page
@@ -257,8 +262,14 @@ class MainWindow(QMainWindow):
     def go_by_key(self, name: Place) -> None:
         """Show a page and give the keyboard to its first control, where it names one."""
         self.go(name)
-        first = getattr(self.pages[self.place], "first", None)
-        if isinstance(first, QWidget) and first.isVisible():
+        self._focus_next = getattr(self.pages[self.place], "first", None)
+        self._give_focus()
+
+    def _give_focus(self) -> None:
+        """Give the keyboard to the control that a key has chosen, once its page shows it."""
+        first = self._focus_next
+        if first is not None and first.isVisible():
+            self._focus_next = None
             first.setFocus(Qt.FocusReason.ShortcutFocusReason)
 
     def show_place(self, place: Place | Panel) -> None:

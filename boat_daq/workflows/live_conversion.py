@@ -81,7 +81,7 @@ class Conversion:
         fits = (inverse.calibration for inverse in self.fusion.inverses)
         verdicts = {str(fit.adequacy.verdict) for fit in fits if fit is not None and fit.adequacy is not None}
         worst = next((f"curve {one}" for one in ("inadequate", "doubtful") if one in verdicts), "")
-        return ", ".join(filter(None, (calibration, worst, "U with a stand-in" if self.stand_in else "")))
+        return ", ".join(filter(None, (calibration, worst, "U with a stated value" if self.stand_in else "")))
 
     @property
     def sensors(self) -> int:

@@ -341,7 +341,7 @@ def sweep_text(result: SweepResult, fans: FanResult | None = None, seconds: floa
         f"{result.ndr.size} simulations, {result.simulated} now, {result.hits} hits",
         _line("best", result.designs[best], merit, best),
         f"95 % interval of its P: {spread.p_ci[best, 0]:.3f} to {spread.p_ci[best, 1]:.3f}; "
-        f"{int(spread.tied.sum())} of {len(result.designs)} designs equal within noise",
+        f"{int(spread.tied.sum())} of {len(result.designs)} designs cannot be told from it",
     ]
     if result.request.by == "power":
         lines.append(power_text(result))
@@ -349,7 +349,7 @@ def sweep_text(result: SweepResult, fans: FanResult | None = None, seconds: floa
     if paper is not None:
         lines += [
             _line(f"paper's optimum, rank {result.ranks()[paper]}", result.designs[paper], merit, paper),
-            f"it is {'' if spread.tied[paper] else 'not '}equal to the best within noise; its rank: {rank_text(found)}",
+            f"it {'cannot' if spread.tied[paper] else 'can'} be told from the best; its rank: {rank_text(found)}",
         ]
     if len(found.p) > 1:
         most = [f"{design_label(d)} {share:.0%}".replace("%", " %") for d, share in found.winners()[:_SHOWN]]

@@ -329,7 +329,7 @@ class SecopNode:
         u = _Parameter(
             "Expanded uncertainty, k = 2.", {"type": "double", "unit": "mm"}, lambda seen: read(seen, 1), measured=True
         )
-        mark = _Parameter("Whether the uncertainty rests on a stated stand-in.", {"type": "bool"}, stands_in)
+        mark = _Parameter("Whether the uncertainty includes a stated value.", {"type": "bool"}, stands_in)
         more = {"_uncertainty": u, "_uncertainty_stand_in": mark}
         return _Module("Elongation of the actuator.", "Readable", parameters | more)
 

@@ -34,13 +34,13 @@ from boat_daq.viewmodels.live.shadow_live import ShadowLive
 from protocol.base.units import NOTHING, as_text
 
 SPACING = 6  # between the parts of a value
-ELONGATION_NOTES = (("\u00b18.88 stand-in", "\u25b2 out of range"), ("\u00b18.88", "\u25b2 stand-in"))
+ELONGATION_NOTES = (("\u00b18.88 stated", "\u25b2 out of range"), ("\u00b18.88", "\u25b2 stated"))
 TARGET_NOTES = (("was +88.8",), ("\u2192 +88.8", "was +88.8"))
 _FEW_SPANS = 3  # of which the columns have more space in the tab
 _SENSORS, _BESIDE = 4, 2  # of a board at most; of those at most whose values are beside the others
 BAND = (
     "Expanded uncertainty, k = 2; not valid where sensors disagree or the elongation is out of range\n"
-    "Stand-in: it includes a value from the unit's file or history, as the calibration run did not show it"
+    "Stated: it includes a value from the unit's file or history, as the calibration run did not show it"
 )
 TRIAL = "See a whole calibration in half a minute: three cycles of a simulated unit, read automatically."
 _STEPS = {

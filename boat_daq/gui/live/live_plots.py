@@ -54,7 +54,7 @@ def value_text(quantity: str, values: Mapping[str, float], model: LiveModel) -> 
         return model.text(quantity, values[quantity])
     known = math.isfinite(values[ELONGATION]) and math.isfinite(values["expanded_mm"])
     text = in_units(model.units, "mm", values[ELONGATION], 2, band=values["expanded_mm"] if known else -1.0)
-    return f"{text}, U with a stand-in" if known and values.get("stand_in") else text
+    return f"{text}, U with a stated value" if known and values.get("stand_in") else text
 
 
 def camera_band(columns: Mapping[str, FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:

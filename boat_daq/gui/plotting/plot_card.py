@@ -285,7 +285,7 @@ def export_button(title: str, tip: str, copy: Callable[[], object], save: Callab
     tool.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
     menu = QMenu(tool)
     add_exports(menu, copy, save)
-    tool.setMenu(menu)
+    controls.add_menu(tool, menu)
     tool.setFocusPolicy(Qt.FocusPolicy.TabFocus)
     return tool
 

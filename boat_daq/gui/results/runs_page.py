@@ -32,7 +32,7 @@ from PySide6.QtWidgets import (
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
-from boat_daq.gui.plotting.plot import Curve, PointLabels, ramp_colour
+from boat_daq.gui.plotting.plot import Curve, PointLabels, ThemeColour
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.gui.results.metadata_form import MetadataForm
@@ -45,7 +45,7 @@ from boat_daq.gui.widgets.layouts import EmptyState, Leaves, Shares
 from boat_daq.gui.widgets.text_dialog import TextDialog
 from boat_daq.viewmodels.common.files import TABLE_KINDS
 from boat_daq.viewmodels.common.services import Page, Place, Services, Tab
-from boat_daq.viewmodels.results.run_entry import MOST_COMPARED, RUN_HEADINGS, RunEntry, obstacle, selection_text
+from boat_daq.viewmodels.results.run_entry import RUN_HEADINGS, RunEntry, obstacle, selection_text
 from boat_daq.viewmodels.results.runs import RunsModel
 from protocol.base.arrays import FloatArray
 from protocol.base.units import as_text
@@ -54,6 +54,12 @@ Index = QModelIndex | QPersistentModelIndex
 EXPORTS = {"CSV": "csv", "Parquet": "parquet", "HDF5": "h5", "MATLAB": "mat"}  # in the menu, and the suffix
 LEAST_LINES = 3  # of the list; a lower window scrolls the page
 LEAST_SPAN_MV = 0.1  # of a comparison, so that noise looks small
+RUN_LINES: tuple[tuple[ThemeColour, Qt.PenStyle], ...] = (  # of the runs of a comparison, as many as are compared
+    (lambda t: t.sensors[0], Qt.PenStyle.SolidLine),
+    (lambda t: t.sensors[1], Qt.PenStyle.DashLine),
+    (lambda t: t.pressure, Qt.PenStyle.DashDotLine),
+    (lambda t: t.elongation, Qt.PenStyle.DotLine),
+)
 RUN_ROLE = Qt.ItemDataRole.UserRole
 OPTIONAL = ("Readings", "Length", "Cycles")  # columns hidden in this order where the name of the file is cut
 USUAL_NAME = "20260101-000000_SA1.boat"  # what the program names a recording
@@ -127,7 +133,7 @@ class RunsPage(QWidget):
         for number in range(len(card.plots) + 1, sensors + 1):
             plot = card.add(f"Sensor {number}", "mV", x_title="Elongation", x_unit="mm", beside=True)
             self.differences.append(
-                [plot.curve(f"Run {i + 1}", ramp_colour(i, MOST_COMPARED)) for i in range(MOST_COMPARED)]
+                [plot.curve(f"Run {i}", colour, pen_style=line) for i, (colour, line) in enumerate(RUN_LINES, 1)]
             )
             self.numbers.append(plot.labels((0.5, 0.5), ground=True))
         card.link_x()
@@ -180,9 +186,9 @@ class RunsPage(QWidget):
         export = QMenu(buttons["export"])
         for kind, suffix in EXPORTS.items():
             export.addAction(f"{kind} …", partial(self._ask_save, suffix, self.model.export))
-        buttons["export"].setMenu(export)
+        controls.add_menu(buttons["export"], export)
         self.more = controls.button("More", lambda: None, tip="Also with a right click on the list")
-        self.more.setMenu(self.menu)
+        controls.add_menu(self.more, self.menu)
         return buttons
 
     def _recordings_card(self) -> QFrame:

@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterable
 from html import escape
 from typing import Any, TypeVar
 
-from PySide6.QtCore import QSize, Qt
-from PySide6.QtGui import QPainter, QPaintEvent
+from PySide6.QtCore import QSize, Qt, QTimer
+from PySide6.QtGui import QCursor, QPainter, QPaintEvent
 from PySide6.QtWidgets import (
     QBoxLayout,
     QComboBox,
@@ -166,13 +166,25 @@ def as_card(frame: QFrame, layout: QLayout) -> None:
     frame.setLayout(layout)
 
 
+def add_menu(button: QPushButton | QToolButton, menu: QMenu) -> None:
+    """Open `menu` by `button`, which is no longer tinted after a choice or a click elsewhere: Qt tells it too late."""
+
+    def end_hover() -> None:
+        inside = button.rect().contains(button.mapFromGlobal(QCursor.pos()))
+        button.setAttribute(Qt.WidgetAttribute.WA_UnderMouse, inside)
+        button.update()
+
+    button.setMenu(menu)
+    menu.aboutToHide.connect(lambda: QTimer.singleShot(0, button, end_hover))
+
+
 def menu_button(text: str, tip: str) -> QToolButton:
     made = QToolButton()
     made.setText(text)
     made.setToolTip(tip)
     made.setAccessibleName(text)
     made.setPopupMode(QToolButton.ToolButtonPopupMode.InstantPopup)
-    made.setMenu(QMenu(made))
+    add_menu(made, QMenu(made))
     made.setFixedHeight(style.CONTROL_HEIGHT)  # as high as the buttons beside it
     return made
 

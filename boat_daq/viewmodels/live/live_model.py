@@ -404,7 +404,7 @@ class LiveModel:
         if found.beyond is not None and found.beyond[0]:
             return elongation, f"{band} (end)", "\u25b2 end"
         if found.stand_in:
-            return elongation, f"{band} stand-in", "\u25b2 stand-in"
+            return elongation, f"{band} stated", "\u25b2 stated"
         return elongation, f"{band} (k = 2)", band
 
     def place(self, which: str) -> float:

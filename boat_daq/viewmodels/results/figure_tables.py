@@ -119,7 +119,7 @@ def _expanded_rows(found: Analysis) -> list[tuple[Cell, ...]]:
     where, budgets = UnitText("at ", Quantity(found.budgets.x_mm, "mm", "+.2f")), found.budgets.budgets
     expanded: list[Cell] = []
     for b in budgets:
-        mark = ", stand-in" if b.stand_in else ""
+        mark = ", stated" if b.stand_in else ""
         half = UnitText("\u00b1", Quantity(1000 * b.expanded, "um", ".0f"), mark)
         known = half, UnitText(f"k = 2, {b.dof:.0f} degrees of freedom, ", where)
         expanded.append(("not known", b.void) if b.void else known)

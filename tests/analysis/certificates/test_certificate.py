@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from analysis import Analysis
+from analysis import Analysis, Options, analyse
 from analysis.calibration.adequacy import CurveVerdict
 from analysis.calibration.record import CalibrationRecord, SensorRecord
 from analysis.certificates.certificate import Request, certificate_of, missing
 from protocol.base.errors import BoatDaqError, DataError, RequestError
-from tests.analysis.certificates.conftest import REQUEST, with_meta
+from tests.analysis.boat_builder import PAPER, Plant, Staircase
+from tests.analysis.certificates.conftest import REQUEST, STATED, with_meta
 
 
 def test_levels_are_the_means_of_both_branches_with_the_budgets_uncertainty(calibration: Analysis) -> None:
@@ -54,6 +56,15 @@ def test_run_without_calibration_is_refused(calibration: Analysis) -> None:
     sensors = tuple(replace(one, calibration=None, calibration_void="no readings") for one in calibration.sensors)
     with pytest.raises(DataError, match="no calibration to certify: not calibrated: no readings"):
         certificate_of([replace(calibration, sensors=sensors)], REQUEST)
+
+
+def test_refusal_of_one_cycle_says_its_remedy_once(tmp_path: Path) -> None:
+    stairs = Staircase(Plant(cubics=PAPER[:1], noise_mv=(1.49,), loop_mm=0.25), cycles=1)
+    stairs.elongations().to_csv(tmp_path / "e.csv", index=False)
+    once = analyse(stairs.recording(meta=STATED), tmp_path / "e.csv", options=Options(mcmc=False, fidelity="draft"))
+    with pytest.raises(DataError, match=r"its U is not known: one cycle gives no uncertainty$") as refused:
+        certificate_of([once], REQUEST)
+    assert refused.value.remedy == "Run two cycles or more, and read both branches."
 
 
 @pytest.mark.parametrize("request_", [replace(REQUEST, issued="soon"), replace(REQUEST, limits={"beauty": 1.0})])

@@ -258,7 +258,7 @@ def test_a_stated_stand_in_gives_u_and_is_named_wherever_it_is(
     analysis = stated(runs, name, tmp_path, key)
     shown = finite(analysis.to_json())["sensors"][0]
     assert shown["u_elongation_mm"] is not None
-    assert shown["u_reason"].startswith(f"U rests on a stated stand-in for what the run did not show: {key} (u = ")
+    assert shown["u_reason"].startswith(f"U includes a stated value for what the run did not show: {key} (u = ")
     assert analysis.budgets is not None
     budget = analysis.budgets.budgets[0]
     u = 0.04 if key == "repeatability" else 0.06 / np.sqrt(3.0)
@@ -270,7 +270,7 @@ def test_a_stated_stand_in_gives_u_and_is_named_wherever_it_is(
     assert record.sensors[0].u_stand_in == shown["u_reason"]
     file = CalibrationFile.of_run(analysis)
     for form in ("c", "matlab", "csv"):
-        assert "stated stand-in" in calibration_text(file, form)
+        assert "U includes a stated value" in calibration_text(file, form)
     assert "#define BOAT_U_STAND_IN 1" in calibration_text(file, "c")
     (tmp_path / "c.json").write_text(file.text(), encoding="utf-8")
     assert {
@@ -280,12 +280,12 @@ def test_a_stated_stand_in_gives_u_and_is_named_wherever_it_is(
     assert set(converted_rows(analysis.recording.time_s, analysis.recording.signal_mv, converted)["u_stand_in"]) == {1}
     assert set(samples_frame(analysis.recording, slice(0, 9), converted)["u_stand_in"]) == {1}
     verdict = verdict_of(analysis)
-    assert "(k = 2, with a stand-in)" in str(verdict.headline)
+    assert "(k = 2, with a stated value)" in str(verdict.headline)
     assert (verdict.as_json()["u_stand_in"], verdict.state) == (shown["u_reason"], "check")
     assert budget.stand_in
     made = certificate_of([analysis], Request(Laboratory("Lab"), "C", ("SA1",)))
-    assert any("stated stand-in" in text for text in made.items[0].warnings)
-    assert "stated stand-in" in dcc_xml(made)
+    assert any("U includes a stated value" in text for text in made.items[0].warnings)
+    assert "U includes a stated value" in dcc_xml(made)
     one_branch = "s1: only the loading branch was measured" in made.items[0].warnings
     assert one_branch == (name == "loading read only")
     other = next(each for each in STATED if each != key)

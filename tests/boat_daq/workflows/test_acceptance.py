@@ -108,7 +108,7 @@ def test_u_with_a_stand_in_is_marked_live() -> None:
     for record, mark in ((stated, "U rests on a stand-in"), (replace(stated, sensors=(SENSOR.record,)), "")):
         conversion = prepare(record)
         found = conversion(np.array([[1660.0]]))
-        assert (found.stand_in, conversion.named("SA1")) == (mark, "SA1, U with a stand-in" if mark else "SA1")
+        assert (found.stand_in, conversion.named("SA1")) == (mark, "SA1, U with a stated value" if mark else "SA1")
         assert elongation_of(lambda conversion=conversion: conversion)((1660.0,)) == (
             found.mm[0], found.expanded_mm[0], bool(mark),
         )  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import itertools
 import json
 import os
 import shutil
@@ -15,15 +16,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PySide6.QtCore import QItemSelectionModel, Qt
-from PySide6.QtGui import QDesktopServices
+from PySide6.QtGui import QColor, QDesktopServices
 from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog
 
 from analysis import load_recording
-from boat_daq.gui.style import THUMBNAIL
+from boat_daq.gui.results import runs_page
+from boat_daq.gui.style import DARK, LIGHT, THUMBNAIL
 from boat_daq.gui.widgets.text_dialog import TextDialog
 from boat_daq.viewmodels.results import runs as runs_model
-from boat_daq.viewmodels.results.run_entry import RUN_HEADINGS, read_run
+from boat_daq.viewmodels.results.run_entry import MOST_COMPARED, RUN_HEADINGS, read_run
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring
 from tests.boat_daq.gui.windows import NARROW, PATIENCE_MS, SAMPLE, run_command, run_shortcut
 from tests.boat_daq.viewmodels.helpers import DirectJob
@@ -37,7 +39,7 @@ def runs(make, tmp_path, qtbot):
     for name in ("first", "second"):
         shutil.copy(SAMPLE, folder / f"{name}.boat")
     window = make(RecordedSession(connected(), filled_ring(10.0)))
-    window.go("Recordings")
+    run_shortcut(window, "Ctrl+3")
     page = window.pages["Recordings"]
     qtbot.waitUntil(lambda: (window.refresh(), page.list.rowCount())[1] == 2, timeout=PATIENCE_MS)
     return window, page
@@ -135,12 +137,18 @@ def test_every_sensor_is_compared(live, monkeypatch, qtbot):
     live.resize(853, 600)
     live.go("Recordings")
     page, line = live.pages["Recordings"], (np.array([0.0, 1.0]), np.array([0.0, 2.0]))
+    qtbot.waitUntil(lambda: (live.refresh(), page.model.listed)[1], timeout=PATIENCE_MS)  # else later
     for sensors in (4, 1, 3):
         monkeypatch.setattr(page.model, "comparison_lines", lambda n=sensors: ([[line, line]] * n, "1: a   2: b"))
         page._show_comparison()
         shown = [plot.title for plot in page.compare_card.plots if plot.item in page.compare_card.view.ci.items]
         assert shown == [f"Sensor {n}" for n in range(1, sensors + 1)]
         assert [row[1].x.size for row in page.differences] == [2] * sensors + [0] * (4 - sensors)
+    for theme in (LIGHT, DARK):
+        looks = [(QColor(colour(theme)).hslHue(), line) for colour, line in runs_page.RUN_LINES]
+        hues, lines = zip(*looks, strict=True)
+        assert min(abs(a - b) for a, b in itertools.combinations(hues, 2)) > 20
+        assert len(set(lines)) == len(lines) == MOST_COMPARED
     page.stack.setCurrentIndex(1)
     page._show_comparison()
     qtbot.waitUntil(lambda: live.scrolls["Recordings"].verticalScrollBar().value() > 0, timeout=PATIENCE_MS)
@@ -149,6 +157,7 @@ def test_every_sensor_is_compared(live, monkeypatch, qtbot):
 def test_page_key_focuses_the_list_with_the_newest_run_chosen(runs):
     """After the key of the page it took five Tabs to the list, where nothing was chosen and every button was grey."""
     window, page = runs
+    assert window.focusWidget() is page.list  # it was loading when the key was pressed
     assert [run.path for run in page.selected()] == [window.model.runs.runs[0].path]
     assert page.buttons["open"].isEnabled()
     window.go("Measure")

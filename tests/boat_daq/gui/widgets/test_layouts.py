@@ -1,10 +1,14 @@
-"""Empty states, and parts with movable borders."""
+"""Empty states, parts with movable borders, and buttons with a menu."""
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
+from PySide6.QtCore import QPoint, Qt
 from PySide6.QtWidgets import QBoxLayout, QWidget
 
+from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.layouts import Shares
 from boat_daq.viewmodels.common.preferences import Preferences
 from tests.boat_daq.gui.windows import PATIENCE_MS
@@ -47,3 +51,16 @@ def test_shares_are_moved_and_kept(qtbot, tmp_path):
     assert Preferences(tmp_path).get("shares test")[0] == pytest.approx(0.5, abs=0.02)
     preferences.set("shares test", [1.0, -2.0])
     assert parts(preferences, 100, 408).sizes()[0] == pytest.approx(300, abs=4)
+
+
+def test_a_button_is_not_tinted_after_its_menu_is_closed_elsewhere(qtbot, monkeypatch):
+    """Qt keeps the button hovered until the mouse moves: no part of it leaves while the menu has the mouse."""
+    button = controls.menu_button("More", "tip")
+    qtbot.addWidget(button)
+    button.show()
+    for at, hovered in ((button.rect().center(), True), (QPoint(0, 300), False)):
+        button.setAttribute(Qt.WidgetAttribute.WA_UnderMouse)
+        monkeypatch.setattr(controls, "QCursor", SimpleNamespace(pos=lambda at=at: button.mapToGlobal(at)))
+        button.menu().aboutToHide.emit()
+        qtbot.wait(1)
+        assert button.underMouse() is hovered

@@ -49,7 +49,7 @@ class ConnectPanel(QDialog):
             "Disconnect", lambda: self.services.notices.attempt(self.connection.disconnect)
         )
         self.refused = controls.label("", "", wrap=True, name="Why it is not connected")
-        controls.set_state(self.refused, "fault")
+        controls.set_state(self.refused, "warning")
         self.refused.hide()
         grid, top = controls.grid(), Qt.AlignmentFlag.AlignTop
         for i, (text, control) in enumerate(

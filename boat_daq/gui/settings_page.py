@@ -50,7 +50,7 @@ class ValueRow:
         self._text: str | None = None  # as stored
         self.label = controls.label(about.label)
         self.refused = controls.label("", "small", wrap=True, name=f"Why {about.label} is refused")
-        controls.set_state(self.refused, "fault")
+        controls.set_state(self.refused, "warning")
         self.refused.hide()
         self.reset = controls.button("Default", reset, "link", name=f"Default of {about.label}")
         policy = self.reset.sizePolicy()

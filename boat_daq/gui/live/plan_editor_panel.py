@@ -46,7 +46,7 @@ class PlanEditorPanel(QDialog):
         self.loop_entries = [controls.field(name, width=CELL_WIDTH) for name in ("From segment", "To segment", "Times")]
         self.summary = controls.label("", "muted", wrap=True)
         self.refused = controls.label("", wrap=True, name="Why the entry is invalid")
-        controls.set_state(self.refused, "fault")
+        controls.set_state(self.refused, "warning")
         self.refused.hide()
         self.card = PlotCard("Preview of the plan", show_title=False)
         self.plot = self.card.add("Pressure", "kPa", x_title="Time", x_unit="s", time=True)

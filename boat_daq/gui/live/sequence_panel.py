@@ -404,7 +404,7 @@ class PlanForm(QScrollArea):
         for key, field in self.fields.items():
             controls.set_state(field, "true" if key in refused else "", "wrong")
         controls.set_text(self.refused, list(refused.values())[-1] if refused else "")
-        controls.set_state(self.refused, "fault" if refused else "")
+        controls.set_state(self.refused, "warning" if refused else "")
         self.refused.setVisible(bool(refused))
 
     def open(self) -> None:

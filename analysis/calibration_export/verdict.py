@@ -28,6 +28,7 @@ from protocol.base.errors import BoatDaqError
 from protocol.base.units import COVERAGE_FACTOR, Quantity, UnitText
 
 _POINTS = 101
+_INSIDE = 1e-6  # of the range: its very ends round out of it
 _MOST_OF_U = 0.8  # a movement that makes nearly all of U
 _MOST_NAMED = 3  # readings to be checked; the warnings name all
 
@@ -220,9 +221,12 @@ def _code_of(
     analysis: Analysis, readings: Sequence[CheckedReading], unknown: str, *, missed: bool
 ) -> tuple[VerdictCode, str]:
     """Return what decides the verdict and the reason; a reading that is off may be why a curve turns."""
-    for sensor in analysis.sensors:
-        if sensor.calibration is None:
-            return VerdictCode.NO_CURVE, f"{sensor_text(sensor.name)} ({sensor.calibration_void})"
+    void = {s.calibration_void: "" for s in analysis.sensors if s.calibration is None}
+    for why in void:
+        without = (s for s in analysis.sensors if s.calibration is None and s.calibration_void == why)
+        void[why] = f"{', '.join(sensor_text(s.name) for s in without)} ({why})"
+    if void:
+        return VerdictCode.NO_CURVE, "; ".join(void.values())
     if readings:
         return VerdictCode.READINGS_TO_CHECK, unknown
     for sensor in analysis.sensors:
@@ -249,7 +253,8 @@ def _largest_u(analysis: Analysis) -> tuple[float, tuple[float, float], str, str
         return math.nan, range_mm, error.cause, ""
     if fusion.u_void:
         return math.nan, range_mm, fusion.u_void, ""
-    x = np.linspace(*range_mm, _POINTS)[1:-1]  # inside: the very ends round out of the range
+    inside = _INSIDE * (range_mm[1] - range_mm[0])
+    x = np.linspace(range_mm[0] + inside, range_mm[1] - inside, _POINTS)
     signals: FloatArray = np.column_stack([fit.predict(x) for fit in fits])
     u = np.asarray(fusion.evaluate(signals).standard_uncertainty_mm)
     known = u[np.isfinite(u)]

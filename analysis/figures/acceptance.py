@@ -59,6 +59,7 @@ TOLERANCES = (
     Tolerance("snr_db", 38.7, "twice the published noise", is_lower=True),
 )
 SET_BY_USER = "set by the user"
+_MORE_DECIMALS = 3  # of a value that its usual ones round to the limit
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,9 +89,18 @@ class LimitStatement:
         definition, figure = SENSOR_FIGURES.get(self.tolerance.key), self.figure
         name = definition.phrase if definition is not None else self.name
         unit = f" {figure.unit}" if figure.unit else ""
-        form = ".3g" if definition is None else f".{definition.decimals}f"
+        form = ".3g" if definition is None else f".{self.decimals(definition.decimals)}f"
         value = f"{figure.value:{form}}{unit}" if math.isfinite(figure.value) else "not known"
-        return f"{name}, {sensor_text(self.sensor)}: {value}, limit {self.tolerance.limit:g}{unit}"
+        whose = f"{name}, {sensor_text(self.sensor)}"
+        if name.endswith(", sensor"):
+            whose = f"{name.removesuffix(', sensor')}, {sensor_text(self.sensor)} alone"
+        return f"{whose}: {value}, limit {self.tolerance.limit:g}{unit}"
+
+    def decimals(self, usual: int) -> int:
+        """Return the decimals that show on which side of the limit the value is, the usual ones where they do."""
+        value = abs(self.figure.value) if self.tolerance.is_absolute else self.figure.value
+        limit, most = self.tolerance.limit, usual + _MORE_DECIMALS
+        return next((n for n in range(usual, most) if np.sign(round(value, n) - limit) == np.sign(value - limit)), most)
 
     def as_json(self) -> dict[str, Any]:
         """Return an entry of `conformity`."""

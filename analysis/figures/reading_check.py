@@ -19,6 +19,7 @@ from scipy import stats
 
 from analysis.calibration.checks import HIGHEST_LEVERAGE
 from analysis.calibration.curve_choice import USUAL_DEGREE
+from analysis.figures.figure import sensor_text
 from analysis.json_object import json_object
 from analysis.warning import Warning, WarningCode
 from protocol.base.arrays import BoolArray, FloatArray
@@ -69,12 +70,18 @@ class CheckedReading:
 
     @property
     def text(self) -> str:
-        """Reading, pressure and fault, e.g. `+10.00 mm at +10 kPa, 9.2 mm from the others`."""
-        return UnitText(Quantity(self.mm, "mm", "+.2f"), " at ", Quantity(self.kpa, "kPa", "+.0f"), ", ", self.why)
+        """Reading, place and fault, e.g. `+10.00 mm at +10 kPa, loading, cycle 2, 9.2 mm from the others`."""
+        place = self.place.partition(" kPa")[2]
+        at = Quantity(self.kpa, "kPa", "+.0f")
+        return UnitText(Quantity(self.mm, "mm", "+.2f"), " at ", at, f"{place}, ", self.why)
 
     @property
     def long_text(self) -> str:
         return f"{self.mm:+z.2f} mm at {self.place}, {self.why}"
+
+    @property
+    def of_sensors(self) -> str:
+        return ", ".join(map(sensor_text, self.sensors))
 
     def as_json(self) -> dict[str, Any]:
         """Return an entry of `check`."""
@@ -134,7 +141,7 @@ def without_wrong_readings(run: SegmentedRun) -> tuple[SegmentedRun, tuple[Warni
         return run, ()
     x = run.elongations.elongation_mm.copy()
     x[[one.plateau for one in off]] = np.nan
-    texts = (f"the reading {one.long_text} is left out ({', '.join(one.sensors)})" for one in off)
+    texts = (f"the reading {one.long_text} is left out ({one.of_sensors})" for one in off)
     warnings = tuple(Warning(WarningCode.READING_LEFT_OUT, "", text) for text in texts)
     return run.with_elongations(replace(run.elongations, elongation_mm=x)), warnings
 

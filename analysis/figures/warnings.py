@@ -125,7 +125,7 @@ def _reading_texts(checked: Sequence[CheckedReading]) -> Iterator[tuple[WarningC
             yield WarningCode.READING_CONFIRMED, f"the reading {one.long_text}, is confirmed: {one.confirmed}"
         else:
             code = WarningCode.OUTLIER if one.fault is ReadingFault.OFF else WarningCode.HIGH_LEVERAGE
-            yield code, f"check the reading {one.long_text} ({', '.join(one.sensors)})"
+            yield code, f"check the reading {one.long_text} ({one.of_sensors})"
 
 
 def reading_grid(run: SegmentedRun) -> dict[str, float | str | None] | None:

@@ -21,6 +21,7 @@ from analysis.segmentation.cycles import TOLERANCE_KPA, Cycles
 from analysis.segmentation.losses import LossCounter, Losses
 from analysis.statistics import mean, standard_error
 from protocol.base.arrays import FloatArray, IntArray
+from protocol.base.units import Quantity, UnitText
 
 _SETTLING_S = 0.5
 SETTLING_OF_HOLD = 0.3  # share of a hold that a proposed settling time takes at most
@@ -79,7 +80,7 @@ class Plateau:
     @property
     def place(self) -> str:
         """Where it is: pressure, branch, cycle; what is not known is left out."""
-        pressure = f"{self.pressure_kpa:+z.0f} kPa" if np.isfinite(self.pressure_kpa) else ""
+        pressure = UnitText(Quantity(self.pressure_kpa, "kPa", "+.0f")) if np.isfinite(self.pressure_kpa) else ""
         branch = {"start": "opening"}.get(self.branch, self.branch)
         cycle = f"cycle {self.cycle}" if self.cycle and self.branch != "start" else ""
         return ", ".join(part for part in (pressure, branch, cycle) if part)

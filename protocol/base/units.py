@@ -246,8 +246,10 @@ class Quantity(NamedTuple):
             form = f"{form.partition('.')[0]}.{shown.decimals(int(form[:-1].partition('.')[2]))}f"
         elif shown.symbol != self.unit and "." not in form:
             form = f"{form[:-1]}.4g"
-        form = form.replace("+", "+z") if form.startswith("+") else f"z{form}"  # no minus before a rounded zero
-        return f"{shown.value(self.value):{form}}{f' {as_text(shown.symbol)}' if self.named else ''}"
+        form = form.replace("+", "+z") if form.startswith("+") else f"z{form}"
+        number = f"{shown.value(self.value):{form}}"
+        number = number if float(number) else number.removeprefix("+")  # a rounded zero has no sign
+        return f"{number}{f' {as_text(shown.symbol)}' if self.named else ''}"
 
 
 class UnitText(str):

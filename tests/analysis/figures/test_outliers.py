@@ -51,7 +51,7 @@ def test_reading_wrong_by_a_millimetre_is_left_out_on_request(tmp_path):
     assert left_out(sound) == left_out(plain) == []
     (text,) = left_out(robust)
     assert f"the reading {table.loc[40, 'elongation_mm']:+.2f} mm at " in text
-    assert text.endswith("is left out (s1, s2)")
+    assert text.endswith("is left out (sensor 1, sensor 2)")
     for before, after, truth in zip(plain.sensors, robust.sensors, sound.sensors, strict=True):
         assert after.calibration.n == before.calibration.n - 1
         off = np.abs(after.calibration.coefficients - truth.calibration.coefficients)

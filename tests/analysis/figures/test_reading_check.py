@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from analysis import Options, analyse
+from analysis.calibration_export.run_record import elongation_reader
 from analysis.calibration_export.verdict import Verdict, VerdictCode, VerdictState, verdict_of
 from analysis.certificates.certificate import Request, certificate_of
 from analysis.figures.reading_check import judge_readings
@@ -98,7 +99,7 @@ def test_typo_makes_the_calibration_to_be_checked_everywhere(tmp_path_factory) -
     found = analysed(tmp_path_factory.mktemp("typo"), 3, row4=10.0)
     verdict = verdict_of(found)
     assert (verdict.code, verdict.state) == (VerdictCode.READINGS_TO_CHECK, VerdictState.CHECK)
-    assert verdict.check_text == "1 reading to check: +10.00 mm at +10 kPa, 9.0 mm from the others"
+    assert verdict.check_text == "1 reading to check: +10.00 mm at +10 kPa, unloading, cycle 1, 9.0 mm from the others"
     assert verdict.headline == "U is not known yet; 1 reading to check"  # the curve turns
     assert [w.code for w in found.warnings].count("outlier") == 1
     for sensor in found.to_json()["sensors"]:
@@ -124,5 +125,8 @@ def test_sound_run_is_usable_with_the_largest_u_over_its_range(tmp_path_factory)
     assert (verdict.code, verdict.state, verdict.readings) == (VerdictCode.USABLE, VerdictState.OK, ())
     assert verdict.headline == f"U = {verdict.u_mm:.2g} mm (k = 2) from -2.7 to 3.8 mm"
     least = min(u[:, 1].min() for u in found.u_elongation)
+    inside = np.array([1.0 - 1e-7, 1e-7]) @ [verdict.range_mm, verdict.range_mm[::-1]]
+    ends = elongation_reader(found).evaluate(np.array([s.calibration.predict(inside) for s in found.sensors]).T)
+    assert verdict.u_mm == pytest.approx(2.0 * ends.standard_uncertainty_mm.max(), rel=1e-4)  # at an end of the range
     assert 0.5 * least < verdict.u_mm < max(u[:, 1].max() for u in found.u_elongation)
     assert Verdict().state is VerdictState.NONE

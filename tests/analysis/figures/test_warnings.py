@@ -37,7 +37,7 @@ def test_a_warning_of_a_reading_names_its_plateau_with_units(tmp_path):
     (text,) = (w.text for w in found.warnings if w.code == "outlier")
     pressure, x = table.loc[row, "pressure_kpa"], table.loc[row, "elongation_mm"]
     place = f"check the reading {x:+.2f} mm at {pressure:+.0f} kPa, loading, cycle 2"
-    assert text == f"{place}, 1.0 mm from the others (s1, s2)"
+    assert text == f"{place}, 1.0 mm from the others (sensor 1, sensor 2)"
 
 
 def test_a_signal_constant_while_pressure_changes_is_warned_of() -> None:

@@ -87,7 +87,7 @@ def test_text_with_quantities_is_shown_in_other_units() -> None:
     assert text == "52 kPa is above the plan's limit of 50 kPa"
     psi = ShownUnits.of("psi,in")
     assert in_shown_units(text, psi) == "7.542 psi is above the plan's limit of 7.252 psi"
-    assert UnitText(Quantity(-0.01, "kPa", "+.0f"), " to ", Quantity(-0.01, "mm", ".1f")) == "+0 kPa to 0.0 mm"
+    assert UnitText(Quantity(-0.01, "kPa", "+.0f"), " to ", Quantity(-0.01, "mm", ".1f")) == "0 kPa to 0.0 mm"
     half = UnitText("\u00b1", Quantity(125.0, "um", ".0f"), " at ", Quantity(-2.5, "mm", "+.1f", named=False))
     assert (half, in_shown_units(half, psi)) == ("\u00b1125 \u00b5m at -2.5", "\u00b10.0049 in at -0.10")
     both = pickle.loads(pickle.dumps(UnitText("; ").joined([text, "no", half])))

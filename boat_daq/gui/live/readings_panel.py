@@ -9,7 +9,17 @@ from typing import Any
 
 from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelIndex, Qt, Signal
 from PySide6.QtGui import QFont, QGuiApplication, QKeyEvent, QKeySequence, QResizeEvent, QShowEvent
-from PySide6.QtWidgets import QApplication, QBoxLayout, QCheckBox, QFrame, QHeaderView, QSizePolicy, QTableView, QWidget
+from PySide6.QtWidgets import (
+    QApplication,
+    QBoxLayout,
+    QCheckBox,
+    QFrame,
+    QHeaderView,
+    QLineEdit,
+    QSizePolicy,
+    QTableView,
+    QWidget,
+)
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.engine.toml_values import read_text
@@ -113,7 +123,9 @@ class ReadingBar(QFrame):
         self.field.setText("")  # not clear(): undo would put the last plateau's reading into this field
         self._enable(step is not None)
         elsewhere = isinstance(QGuiApplication.focusObject(), QWidget) and not self.window().isActiveWindow()
-        if step is not None and not elsewhere:
+        focus = QApplication.focusWidget()
+        typing = isinstance(focus, QLineEdit) and focus is not self.field and focus.isModified()  # a marker's note
+        if step is not None and not elsewhere and not typing:
             self.field.setFocus()
 
     def _ask(self, _: str = "") -> None:

@@ -6,6 +6,7 @@ Rules: a control has an accessible name (its text, where it has one); a role nam
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from html import escape
 from typing import Any, TypeVar
 
@@ -137,6 +138,7 @@ def field(
         widget.setFixedWidth(width)
     if on_enter:
         widget.returnPressed.connect(on_enter)
+    widget.editingFinished.connect(partial(widget.setModified, False))  # a plateau may take the focus again
     return _dressed(widget, "", name)
 
 

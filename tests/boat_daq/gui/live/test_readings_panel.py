@@ -58,9 +58,18 @@ def test_keyboard_returns_to_the_reading_field(running, qtbot):
         assert header.sectionSizeHint(0) - header.fontMetrics().horizontalAdvance("Cycle") >= 8
     running.refresh()
     live.ask_marker()
-    QTest.keyClicks(live.note, "tapped")
+    QTest.keyClicks(live.note, "ta")
+    at_plateau(running, LATER)  # it took the focus, and the rest of the note went to the reading
+    QTest.keyClicks(running.focusWidget(), "pped")
+    assert (live.note.text(), field.text()) == ("tapped", "")
     QTest.keyClick(live.note, Qt.Key.Key_Return)
     assert field.hasFocus()
+    live.ask_marker()
+    QTest.keyClicks(live.note, "5")
+    live.note.editingFinished.emit()  # what is taken keeps no focus
+    at_plateau(running, ASKED)
+    assert field.hasFocus()
+    live.close_marker()
     live.table.view.setFocus()
     live.table.model.setData(live.table.model.index(0, 3), "2.5")
     qtbot.waitUntil(field.hasFocus, timeout=PATIENCE_MS)

@@ -311,6 +311,7 @@ class MainWindow(QMainWindow):
             self.live.toggle_overlay()
         elif focus is not None and not self.stack.isAncestorOf(focus):
             focus.clearFocus()  # of the menu bar, too, which keeps the keyboard after its menu was closed
+            self.live.focus_reading()
         elif isinstance(focus, QLineEdit) and focus.isUndoAvailable():
             while focus.isUndoAvailable():
                 focus.undo()

@@ -7,13 +7,14 @@ tolerance of each; the program's rule accepts half.
 from __future__ import annotations
 
 import math
+from collections.abc import Container
 from functools import partial
 from typing import Any
 
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt
-from PySide6.QtWidgets import QProgressBar, QWidget
+from PySide6.QtWidgets import QWidget
 
 from analysis.fidelity import LEVELS
 from analysis.studies.tradeoff.measure import MARGIN
@@ -38,7 +39,7 @@ class DefaultsTable(DataTable):
 
     def __init__(self) -> None:
         super().__init__("Default of each method", _HEADINGS, stretched=_HEADINGS.index("Method"), right=(0, 5))
-        self.explain({_HEADINGS.index("Share"): SHARE_TIP})
+        self.explain({_HEADINGS.index("Of tolerance"): SHARE_TIP})
         self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.verticalHeader().setDefaultSectionSize(style.CONTROL_HEIGHT - style.GAP)
 
@@ -52,8 +53,8 @@ class DefaultsTable(DataTable):
         first = (str(_NUMBERS[d.name]), METHOD_NAMES[d.name], d.setting.replace(" x ", " \u00d7 "))
         if not d.measured:
             return (*first, "", "failed" if d.unit else "", "")
-        share = f"{number(100 * d.share, 0)} %" if d.share >= 0.01 else "< 1 %"
-        return (*first, duration_text(d.seconds, 2), quantity(d.error, d.unit), share)
+        share = number(100 * d.share, 0) if d.share >= LEAST_SHARE else LESS
+        return (*first, duration_text(d.seconds, 2), quantity(d.error, d.unit), f"{share} %")
 
 
 PRECISIONS = {
@@ -63,19 +64,20 @@ PRECISIONS = {
 }
 MEASURE = "Measure this computer"
 MEASURE_TIP = "Takes some minutes, in a helper process"
+MEASURING = "Under way: its progress and Cancel are at the foot of the window."
 SHARE_TIP = "Error in percent of the tolerance; up to 50 % is sufficient"
-_HEADINGS = ("No.", "Method", "Default", "Time", "Error", "Share")
+_HEADINGS = ("No.", "Method", "Default", "Time", "Error", "Of tolerance")
 _KEY = "● a method   ■ a whole job   lower: more exact   further left: faster"
 _NUMBERS = {name: number for number, name in enumerate(METHOD_NAMES, 1)}
-_LEAST_SHARE = 0.05
-"""Smaller errors are drawn here, so that the others are apart."""
+LEAST_SHARE, LESS = 0.01, "< 1"
+"""Smaller errors are drawn here, with their number so marked: the others are apart."""
 _SIDE_WIDTH = style.PANE_WIDTH_NARROW + 4 * style.STEP
 MARGIN_DECADES = 0.25
 LEAST_DECADES = 1.0  # so that timing noise looks small
 LABEL_SHARE = 0.01  # of the width, where a text about a line begins: at the left, where points are few
 _ANCHORS = (-0.15, 1.0), (-0.15, 0.0), (1.15, 1.0), (1.15, 0.0), (0.5, 1.6)  # of a number at its point, best first
-_REACHES, _APART = (0.35, 0.2), (0.3, 0.13)  # decades of time and of error: to its middle, and to what it would cover
-_LINE_APART = 0.07  # decades of error from the middle of a number to the line of what is sufficient
+_REACHES, _APART = (0.35, 0.28), (0.3, 0.18)  # decades of time and of error: to its middle, and to what it would cover
+_LINE_APART = 0.09  # decades of error from the middle of a number to a line
 
 
 class OverviewCard(PlotCard):
@@ -104,17 +106,18 @@ class OverviewCard(PlotCard):
 
     def show_defaults(self) -> None:
         places = {
-            d.name: (math.log10(d.seconds), math.log10(100.0 * max(d.share, _LEAST_SHARE)))
+            d.name: (math.log10(d.seconds), math.log10(100.0 * max(d.share, LEAST_SHARE)))
             for d in self.model.defaults
             if d.measured
         }
+        less = {d.name for d in self.model.defaults if d.share < LEAST_SHARE}
         for job, layer in self.points.items():
             chosen = [at for name, at in places.items() if (name in JOB_NAMES) is job]
             layer.set(np.array([x for x, _ in chosen]), np.array([y for _, y in chosen]))
         x, y = np.array(list(places.values())).reshape(-1, 2).T
         self.plot.x_range(*framed(x))
         self.plot.y_range(*framed(np.append(y, self.noticed.value())))
-        for labels, placed in zip(self.numbers, placed_numbers(places), strict=True):
+        for labels, placed in zip(self.numbers, placed_numbers(places, less), strict=True):
             labels.set(placed)
         self.paint_theme(self.theme)
 
@@ -137,20 +140,22 @@ def framed(values: FloatArray) -> tuple[float, float]:
     return low - margin, high + margin
 
 
-def placed_numbers(places: dict[str, tuple[float, float]]) -> list[list[tuple[float, float, str]]]:
+def placed_numbers(
+    places: dict[str, tuple[float, float]], less: Container[str]
+) -> list[list[tuple[float, float, str]]]:
     """Return the numbers for each anchor: each beside its point, where it covers no line, other point or number."""
     placed: list[list[tuple[float, float, str]]] = [[] for _ in _ANCHORS]
     taken = [*places.values()]
-    sufficient = math.log10(100.0 / MARGIN)
+    lines = 2.0, 2.0 - math.log10(MARGIN)
     for name, (x, y) in sorted(places.items(), key=lambda place: place[1]):
         middles = [(x + _REACHES[0] * (0.5 - right), y + _REACHES[1] * (top - 0.5)) for right, top in _ANCHORS]
         free = [
-            abs(at[1] - sufficient) > _LINE_APART
+            all(abs(at[1] - line) > _LINE_APART for line in lines)
             and all(abs(at[0] - u) > _APART[0] or abs(at[1] - v) > _APART[1] for u, v in taken if (u, v) != (x, y))
             for at in middles
         ]
         best = free.index(True) if any(free) else 0
-        placed[best].append((x, y, str(_NUMBERS[name])))
+        placed[best].append((x, y, f"{_NUMBERS[name]} ({LESS} %)" if name in less else str(_NUMBERS[name])))
         taken.append(middles[best])
     return placed
 
@@ -176,10 +181,8 @@ class TradeoffPage(ReflowingPage):
         self.first = self.level = controls.choice("Precision of the program", levels, self.precision.choose, tip=tip)
         toggle = partial(self.services.notices.attempt, self.model.toggle)
         self.start = controls.button(MEASURE, toggle, "primary", tip=MEASURE_TIP)
-        self.progress = QProgressBar(textVisible=False)
-        self.progress.setAccessibleName("Progress of the measurement")
         self.status = controls.label("", "small", wrap=True)
-        measurement = (self.start, self.progress, self.status, self.measured)
+        measurement = (self.start, self.status, self.measured)
         parts: tuple[Any, ...] = (controls.label("Precision", "subtitle"), self.level, style.GAP)
         frame, _ = controls.card(*parts, controls.label("Measurement", "subtitle"), *measurement, None)
         frame.setMaximumWidth(_SIDE_WIDTH)
@@ -191,14 +194,9 @@ class TradeoffPage(ReflowingPage):
         self.side.setMaximumWidth(style.UNLIMITED if self.narrow else _SIDE_WIDTH)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
-        """Show the progress of the measurement; the rest where it has changed."""
+        """Show whether it measures, or why it could not; the rest where it has changed."""
         self.level.setCurrentIndex(self.level.findData(self.precision.level))
-        job = self.model.job
-        controls.set_text(self.start, "Cancel" if job is not None else MEASURE)
-        self.progress.setVisible(job is not None)
-        if job is not None:
-            self.progress.setRange(0, 0 if job.fraction is None else 1000)
-            self.progress.setValue(job.permille)
+        controls.allow(self.start, MEASURING if self.model.job is not None else "")
         controls.set_text(self.status, self.model.status())
         self.status.setVisible(bool(self.status.text()))
         if self._revision != self.model.revision:

@@ -136,7 +136,5 @@ class TradeoffModel:
             self.problem = f"the result could not be stored for the next start: {error.strerror}"
 
     def status(self) -> str:
-        """Return the progress of the measurement, or what went wrong, in a line."""
-        if (job := self.job) is not None:
-            return f"{job.label} \u2026 {round(100 * (job.fraction or 0.0))} %"
+        """Return what went wrong, in a line."""
         return f"\u25b2 {self.problem}" if self.problem else ""

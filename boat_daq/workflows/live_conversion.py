@@ -10,7 +10,7 @@ import time
 from collections import deque
 from collections.abc import Generator
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -52,6 +52,17 @@ class LiveElongation:
     disagree: NDArray[np.bool_]
     beyond: NDArray[np.bool_] | None = None
     stand_in: str = ""
+
+    def drawn(self, signal_mv: FloatArray) -> LiveElongation:
+        """Return values for a line through extremes: one alone outside the range, of noise at its end, is no hole."""
+        lone = np.zeros(self.mm.size, dtype=bool)
+        known = np.isfinite(self.mm)
+        lone[1:-1] = ~known[1:-1] & known[:-2] & known[2:] & np.isfinite(signal_mv[1:-1]).any(axis=1)
+        if not lone.any():
+            return self
+        at = np.arange(self.mm.size)
+        mm, expanded = (np.where(lone, np.interp(at, at[known], y[known]), y) for y in (self.mm, self.expanded_mm))
+        return replace(self, mm=mm, expanded_mm=expanded)
 
     def band(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return times, lower and upper edge where both are known; the band closes at both ends of a hole."""

@@ -128,9 +128,8 @@ class MinMaxPyramid:
 
 
 def fold_columns(points: Columns2D, column_s: float) -> Columns2D:
-    """Return points by columns of pixels.
+    """Return points by columns of pixels, the extremes of each at its first and last time, [columns, m].
 
-    Minima at each column's first time, maxima at its last, [columns, m].
     The columns are anchored in time, so a picture that scrolls does not flicker.
     """
     if not points.shape[1]:
@@ -142,7 +141,16 @@ def fold_columns(points: Columns2D, column_s: float) -> Columns2D:
     last = np.append(first[1:], points.shape[1]) - 1
     lowest, highest = np.fmin.reduceat(points, first, axis=1), np.fmax.reduceat(points, first, axis=1)
     lowest[0], highest[0] = points[0, first], points[0, last]
-    return np.stack([lowest, highest], axis=2).reshape(len(points), -1)
+    return _in_order(lowest, highest)
+
+
+def _in_order(lowest: Columns2D, highest: Columns2D) -> Columns2D:
+    """Return extremes of stretches as points in the order of time: where values fall, the maximum comes first."""
+    before = np.concatenate([lowest[:, :1], lowest[:, :-1]], axis=1)
+    after = np.concatenate([highest[:, 1:], highest[:, -1:]], axis=1)
+    falls = after < before
+    pairs = [np.where(falls, highest, lowest), np.where(falls, lowest, highest)]
+    return np.stack(pairs, axis=2).reshape(len(lowest), -1)
 
 
 def _fold(rows: Columns2D) -> Columns2D:
@@ -156,8 +164,8 @@ def _fold(rows: Columns2D) -> Columns2D:
 
 
 def _points(entries: Columns2D) -> Columns2D:
-    """Return entries as points: first time with the minima, last time with the maxima."""
-    return np.stack([entries[0::2], entries[1::2]], axis=2).reshape(len(entries) // 2, -1)
+    """Return entries as points: their extremes at their first and last time."""
+    return _in_order(entries[0::2], entries[1::2])
 
 
 DEFAULT_CAPACITY = 360_000  # an hour at 100 Hz

@@ -556,7 +556,8 @@ class OverlayPlots(PlotCard):
 
     def draw(self) -> None:
         cycles = self.model.cycles()
-        self.readout.setText(f"{len(cycles)} of the last {CYCLES_KEPT} cycles" if cycles else "")
+        earlier = ", earlier ones grey" if len(cycles) > 1 else ""
+        self.readout.setText(f"{len(cycles)} of the last {CYCLES_KEPT} cycles{earlier}" if cycles else "")
         self.show_empty("" if cycles else "The cycles of a run are drawn here once the first has begun.")
         if not cycles:
             return

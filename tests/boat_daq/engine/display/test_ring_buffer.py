@@ -261,6 +261,19 @@ def test_columns_of_pixels_show_the_extremes_of_their_samples():
         assert (low[1], high[1]) == (np.nanmin(signal[inside]), np.nanmax(signal[inside]))
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_extremes_are_in_the_order_of_time(sign):
+    """A falling edge was drawn as saw teeth: the minimum of each stretch came before its maximum."""
+    time_s = np.arange(4000) * 0.01
+    ramp = sign * np.clip(time_s - 10.0, 0.0, 8.37)
+    pyramid = MinMaxPyramid(2, 8192)
+    pyramid.append(np.stack([time_s, ramp]))
+    drawn = pyramid.draw(0.0, 40.0, 200)
+    assert drawn.shape[1] < 200
+    for points in (drawn, fold_columns(drawn, 1.0), fold_columns(np.stack([time_s, ramp]), 0.5)):
+        assert np.all(sign * np.diff(points[1]) >= 0.0)
+
+
 def test_two_points_a_column_or_fewer_are_left_as_they_are():
     points = np.stack([np.arange(8) * 0.25, np.arange(8.0)])
     assert fold_columns(points, 0.5) is points

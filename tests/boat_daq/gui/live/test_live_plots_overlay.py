@@ -26,7 +26,7 @@ def test_last_cycles_are_overlaid(make):
     session.marks = marks
     window.refresh()
     assert not window.live.overlay.empty_text.isVisible()
-    assert window.live.overlay.readout.text() == "2 of the last 5 cycles"
+    assert window.live.overlay.readout.text() == "2 of the last 5 cycles, earlier ones grey"
     assert window.live.overlay.curves[0][-1].x.size > 100
     (back,) = (b for b in window.live.overlay.findChildren(QPushButton) if b.text() == "Back to the plots")
     back.click()

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.viewmodels.live.live_model import HEADINGS_SHORT, STATISTICS_HEADINGS, LiveModel, with_holes
 from boat_daq.workflows.live_conversion import LiveElongation
 from protocol.base.units import NOTHING
@@ -185,6 +186,24 @@ def test_elongation_a_little_beyond_the_range_is_shown_and_marked(ring):
     head = model.headline(connected())
     assert head.elongation == "+3.85"
     assert (head.band, head.band_short) == ("\u00b10.10 (end)", "\u25b2 end")
+
+
+def test_noise_at_the_end_of_the_range_breaks_no_line():
+    """Of all data thinned to extremes a plateau at the end of the range was no line; a hole of time stays one."""
+    ring = RingBuffer(1, mv_per_count=1.0)
+    samples = np.zeros(60_000, sample_dtype(1, "signal"))
+    samples["time_us"] = np.arange(60_000) * 10_000 + (np.arange(60_000) >= 30_000) * 60_000_000
+    samples["signal_mv"] = 1000.0 + np.random.default_rng(3).normal(0.0, 3.0, (60_000, 1))
+    ring.append(samples)
+
+    def inverse(mv):
+        mm = np.where(mv[:, 0] > 1001.0, np.nan, mv[:, 0])
+        return LiveElongation(mm, np.full(len(mv), 0.1), np.zeros(len(mv), bool))
+
+    frame = LiveModel(lambda: ring, inverse, window_s=math.inf).frame(300)
+    hole = np.isnan(frame.columns["s1_mv"])
+    assert np.count_nonzero(hole) == 1
+    assert np.array_equal(np.isnan(frame.elongation.mm), hole)
 
 
 @pytest.mark.parametrize(("at_s", "expected"), [(10.0, 5.0), (30.02, 12.5), (60.0, None)])

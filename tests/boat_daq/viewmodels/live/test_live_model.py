@@ -201,9 +201,10 @@ def test_noise_at_the_end_of_the_range_breaks_no_line():
         return LiveElongation(mm, np.full(len(mv), 0.1), np.zeros(len(mv), bool))
 
     frame = LiveModel(lambda: ring, inverse, window_s=math.inf).frame(300)
-    hole = np.isnan(frame.columns["s1_mv"])
-    assert np.count_nonzero(hole) == 1
-    assert np.array_equal(np.isnan(frame.elongation.mm), hole)
+    (hole,) = np.flatnonzero(np.isnan(frame.columns["s1_mv"]))
+    missing = np.flatnonzero(np.isnan(frame.elongation.mm))
+    assert hole in missing  # beside it and at the end a point may be missing, too
+    assert all(abs(at - hole) <= 1 or at > frame.elongation.mm.size - 6 for at in missing)
 
 
 @pytest.mark.parametrize(("at_s", "expected"), [(10.0, 5.0), (30.02, 12.5), (60.0, None)])

@@ -320,8 +320,8 @@ def error_text(result: SweepResult) -> str:
     """Return the stated errors of a sweep's counts, or powers, in a line."""
     errors = count_errors(result)
     return (
-        f"{SEVERAL[result.request.by]} of 250 rays within {errors['of_95_percent']:.2g} "
-        f"(95 % of them; all within {errors['greatest']:.2g}), at k = 2"
+        f"{SEVERAL[result.request.by]} of 250 rays have errors of at most {errors['of_95_percent']:.2g} "
+        f"in 95 % of the simulations, {errors['greatest']:.2g} in all (k = 2)"
     )
 
 

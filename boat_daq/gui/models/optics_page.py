@@ -43,12 +43,11 @@ SHADES = 64
 SCALE_WIDTH = 68
 ON_GRID_MM = 1e-6
 _STRIP_MARGIN = 0.02  # of the strip, for the marks at its ends
+RELATIVE = "P / best P"
 SWEEP_FIRST = "Press \u201cSweep all designs\u201d to "
 
 SCENE = "Rays from the emitter (left) to the receiver (right); 250 at most are drawn, all are counted"
-RESPONSE = (
-    "Points: detected rays (NDR) with one sd; line: the cubic through them; P = range / (increases × rms residual)"
-)
+RESPONSE = "Points: detected rays (NDR); band: k = 2; line: their cubic; P = range / (increases × rms residual)"
 MERIT = "P = range / (increases × rms residual), relative to the best; click a cell to show its design"
 STRIP = "Designs by falling figure of merit; filled: cannot be told from the best; click one to show it"
 WHAT_COMES = "Press \u201cSweep all designs\u201d to find which of 648 designs is best, and how sure that is."
@@ -101,12 +100,12 @@ class SceneCard(PlotCard):
 
 
 class ResponseCard(PlotCard):
-    """NDR with its standard deviation, the cubic through it, and the state of the slider."""
+    """NDR with its error (k = 2), the cubic through it, and the state of the slider."""
 
     def __init__(self) -> None:
         super().__init__("Detected rays", RESPONSE)
         self.plot = self.add("Detected", "of 250", x_title="Elongation", x_unit="mm")
-        self.band = self.plot.band("Detected rays (NDR), one standard deviation about", sensor_colour(1))
+        self.band = self.plot.band("Detected rays (NDR), error (k = 2) about", sensor_colour(1))
         self.andr = self.plot.curve("Smooth curve (aNDR)", lambda t: t.accent)
         self.ndr = self.plot.points("Detected rays (NDR)", sensor_colour(1))
         self.now = self.plot.line(lambda t: t.muted, vertical=True)
@@ -121,7 +120,7 @@ class ResponseCard(PlotCard):
             return
         self.ndr.set(r.elongation_mm, r.ndr)
         self.andr.set(r.elongation_mm, r.merit.andr)
-        self.band.fill(r.elongation_mm, r.ndr - r.ndr_sd, r.ndr + r.ndr_sd)
+        self.band.fill(r.elongation_mm, r.ndr - r.error, r.ndr + r.error)
         self.now.setValue(r.elongation_mm[model.state])
         self.plot.fit()
 
@@ -198,7 +197,7 @@ class MapsCard(PlotCard):
         item.showAxes((False, False, True, False), showValues=(False, False, True, False))
         item.setMaximumWidth(SCALE_WIDTH)
         item.setRange(xRange=(0, 1), yRange=(0, 1), padding=0)
-        item.getAxis("right").setTicks([[(i / 5, f"{i / 5:g}") for i in range(6)]])
+        item.getAxis("right").setTicks([[(i / 5, f"{i / 5:g}" if i else "\u2264 0") for i in range(6)]])
         item.layout.setContentsMargins(0, style.GAP, 0, style.GAP)
         item.addItem(pg.ImageItem(np.linspace(0, 1, SHADES)[None, :], rect=(0, 0, 1, 1), lut=self.shades))
         return item
@@ -234,7 +233,7 @@ class MapsCard(PlotCard):
 
     def paint_theme(self, theme: Theme) -> None:
         super().paint_theme(theme)
-        paint_axis(self.scale, "right", theme, "P, best = 1")
+        paint_axis(self.scale, "right", theme, RELATIVE)
         for shown in self.maps:
             shown.paint_theme(theme)
         self.show_sweep()
@@ -246,12 +245,12 @@ class StripCard(PlotCard):
     def __init__(self, model: OpticsModel) -> None:
         super().__init__("Designs by figure of merit", STRIP)
         self.model = model
-        self.plot = self.add("P, best = 1", "", x_title="Place by merit")
+        self.plot = self.add(RELATIVE, "", x_title="Place by merit")
         self.plot.item.setMouseEnabled(False, False)
         self.tied_band = self.plot.band("Cannot be told from the best, area", lambda t: t.accent)
         self.others = self.plot.points("Other designs", lambda t: t.target, filled=False, size=4)
         self.tied = self.plot.points("Cannot be told from the best", lambda t: t.accent, size=4)
-        self.best = self.plot.points("Best", lambda t: t.text, symbol="star", size=14)
+        self.best = self.plot.points("Best", lambda t: t.text, filled=False, symbol="star", size=14)
         self.paper = self.plot.points("Paper's", sensor_colour(2), symbol="d", size=12)
         self.view.scene().sigMouseClicked.connect(self._clicked)
         self.setMaximumHeight(style.STRIP_PLOT_HEIGHT)
@@ -274,7 +273,7 @@ class StripCard(PlotCard):
             (self.tied, tied), (self.others, ~tied), (self.best, order == s.best), (self.paper, order == s.paper),
         ):  # fmt: skip
             layer.set(place[chosen], merit[chosen])
-        self.readout.setText("\u2605 best   \u25c6 paper's   filled: cannot be told from the best")
+        self.readout.setText("\u2606 best   \u25c6 paper's   filled: cannot be told from the best")
         self.plot.x_range(*axis.padded(1.0, float(len(order)), _STRIP_MARGIN))
         self.plot.y_range(min(0.0, float(merit.min())) - _STRIP_MARGIN, 1.0 + 8 * _STRIP_MARGIN)
 
@@ -375,8 +374,10 @@ class OpticsPage(ReflowingPage):
     def refresh(self, snapshot: SessionSnapshot | None = None) -> None:
         """Show design and sweep where they have changed; the first call traces the paper's design."""
         model = self.model
-        running = snapshot is not None and (snapshot.state in UNDER_WAY or _is_held(snapshot))
-        if model.result is None and not running and not model.running("optics") and not model.problem:
+        held = snapshot is not None and (snapshot.state in UNDER_WAY or _is_held(snapshot))
+        model.blocked = RUNNING if held else ""
+        waited = model.problem == RUNNING and not held
+        if waited or (model.result is None and not model.running("optics") and not model.problem):
             model.choose(model.values)
         self._show_buttons()
         if model.running("optics"):
@@ -392,9 +393,6 @@ class OpticsPage(ReflowingPage):
         self.scene.show_state(model)
         self.scene.plot.fit()
         self.response.show_result(model)
-        if running and model.result is None and not model.running("optics"):
-            for card in (self.scene, self.response):
-                card.show_empty(RUNNING)
         self.maps.follow_design()
         self.strip.show_sweep()
 
@@ -403,6 +401,9 @@ class OpticsPage(ReflowingPage):
         more = f"Trace {number(model.more_rays, 0)} rays" if model.more_rays else "Sweep all designs"
         controls.set_text(self.sweep_button, "Stop the sweep" if model.running("sweep") else more)
         controls.set_state(self.sweep_button, "" if model.more_rays else "primary", "role")
+        controls.allow(self.sweep_button, "" if model.running("sweep") else model.blocked)
+        for button in (self.best_button, self.paper_button):
+            controls.allow(button, model.blocked)
 
     def _show_answer(self) -> None:
         """Show which design is best, and how sure that is."""

@@ -74,7 +74,7 @@ _KEPT = 12
 DRAWN_RAYS = 250
 """Most rays that are drawn of a state; more of them only blacken the picture."""
 STOPPED = "The tracing was stopped. Choose the design again to trace it."
-_BEFORE = "the design before is shown"
+_BEFORE = "previous design shown"
 
 
 class StateScene(NamedTuple):
@@ -212,6 +212,7 @@ class OpticsModel:
         self.fidelity: Fidelity = fidelity()
         self.result: DesignResult | None = None
         self.problem = ""  # why the chosen design has no result
+        self.blocked = ""  # why none is traced now
         self.sweep_problem = ""  # why the last sweep has none
         self.revision = 0
         self._kept: dict[_Key, DesignResult] = {}
@@ -235,6 +236,9 @@ class OpticsModel:
         self.revision += 1
         if key in self._kept:
             self.result, self._shown = self._kept[key], key
+            return
+        if self.blocked:
+            self.problem = self.blocked
             return
         job = Job("Tracing rays", trace_design, values, self.fidelity.rays, self.face)
         self.jobs.start("optics", job, lambda job: self._traced(job, key))
@@ -278,9 +282,9 @@ class OpticsModel:
             return text
         x = number(float(self.result.elongation_mm[self.state]), 2, sign=True)
         value, error = float(self.result.ndr[self.state]), float(self.result.error[self.state])
-        detected = f"NDR {with_uncertainty(value, error)} of 250 rays"
-        before = "design before   " if self.outdated else ""  # first: it is not cut
-        return f"{before}{text}: {x} mm   {detected} (k = 2), {number(self.result.rays, 0)} rays a fan"
+        detected = f"{with_uncertainty(value, error)} of 250 rays detected (k = 2)"
+        before = "previous design   " if self.outdated else ""  # first: it is not cut
+        return f"{before}{text}: {x} mm   {detected}, {number(self.result.rays, 0)} traced"
 
     def drawn_text(self) -> str:
         """Return how many of the rays are drawn, where it is not all of them."""
@@ -296,9 +300,9 @@ class OpticsModel:
             return self._progress_text() + before
         m, increases = r.merit, count(int(r.merit.n_sign), "increase")
         range_, rms, merit = number(float(m.delta), 1), number(float(m.rmse), 2), number(float(m.p), 2)
-        figures = f"range {range_} rays   {increases}   rms residual {rms}   P {merit}"
+        figures = f"range {range_} rays   {increases}   rms residual {rms} rays   P {merit}"
         greatest = float(np.max(r.error))
-        return f"{figures}   points within \u00b1{rounded(greatest, greatest)} (k = 2)"
+        return f"{figures}   band up to \u00b1{rounded(greatest, greatest)} (k = 2)"
 
     def _progress_text(self) -> str:
         """Return how much of the running trace is done."""
@@ -397,7 +401,7 @@ class OpticsModel:
         if s.paper >= 0:
             lines.append(f"Paper's rank: {s.rank_text or s.ranks[s.paper]}")
         if s.fans > 1:
-            lines.append(f"{count(s.winners, 'design')} best in at least one of {s.fans} turns of the fan")
+            lines.append(f"{count(s.winners, 'design')} best in at least one of {s.fans} sweeps, each with its rays turned")
         return "\n".join([*lines, *([sentence(s.error_text).removesuffix(".")] if s.error_text else [])])
 
     def pick(self, cavities: int, width_mm: float, column: float, row: float) -> None:

@@ -129,7 +129,7 @@ def test_page_answers_which_design_is_best_and_how_sure_that_is(page):
     page.details_button.click()
     assert page.ranks.isVisible()
     assert "5 (3 to 6)" in page.ranks.text()
-    assert "2 designs best in at least one of 7 turns" in page.ranks.text()
+    assert "2 designs best in at least one of 7 sweeps" in page.ranks.text()
     page.best_button.click()
     assert page.model.values == (7, 0.7, 0.6, 1.0)
     page.model.show_place(5)
@@ -181,11 +181,16 @@ def test_nothing_is_traced_by_itself_during_a_run(qtbot, app_model, monkeypatch)
     shown.refresh(SessionSnapshot(SessionState.RUNNING, LinkState.UP))
     assert FakeJob.made == []
     assert "until the run has ended" in shown.scene.empty_text.text()
+    assert not any(b.isEnabled() for b in (shown.sweep_button, shown.best_button, shown.paper_button))
+    app_model.optics.show_place(1)
+    assert "until the run has ended" in app_model.optics.design_text()
     for state in (SessionState.IDLE, SessionState.ARMED):
         shown.refresh(dataclasses.replace(connected(), state=state))  # +30 kPa by hand
     assert FakeJob.made == []
     shown.refresh(SessionSnapshot(SessionState.IDLE, LinkState.UP))
     assert len(FakeJob.made) == 1
+    assert FakeJob.made[0].args[0] == app_model.optics.values != PAPER_DESIGN
+    assert shown.sweep_button.isEnabled()
 
 
 def test_first_opening_shows_the_shipped_sweep_and_what_is_being_done(qtbot, app_model, monkeypatch):  # noqa: F811
@@ -267,14 +272,14 @@ def test_slider_selects_states_without_tracing(page):
 def test_answers_state_their_errors_and_rays(page):
     """The error (k = 2) of the state and the greatest of all; the plot states how many of the rays are drawn."""
     page.slider.setValue(14)
-    assert "NDR 100.0 \u00b1 4.6 of 250 rays (k = 2), 250 rays a fan" in page.scene.readout.text()
-    assert page.response.readout.text().endswith("points within \u00b14.6 (k = 2)")
+    assert "100.0 \u00b1 4.6 of 250 rays detected (k = 2), 250 traced" in page.scene.readout.text()
+    assert page.response.readout.text().endswith("band up to \u00b14.6 (k = 2)")
     assert page.scene.drawn.text == ""
     page.model.set_fidelity(fidelity("reference"))
     page.model.choose(PAPER_DESIGN)
     FakeJob.made[-1].bring(traced(20_000, 0.2))
     update(page)
-    assert "NDR 100.00 \u00b1 0.20 of 250 rays (k = 2), 20\u2009000 rays a fan" in page.scene.readout.text()
+    assert "100.00 \u00b1 0.20 of 250 rays detected (k = 2), 20\u2009000 traced" in page.scene.readout.text()
     assert page.scene.drawn.text == "250 of 20\u2009000 rays drawn"
     page.sweep_button.click()
     FakeJob.made[-1].bring(dataclasses.replace(swept(), error_text="counts of 250 rays within 7.8"))
@@ -288,15 +293,15 @@ def test_design_before_is_shown_faded_until_the_new_one_is_traced(page):
     update(page)
     assert page.scene.view.isVisible()
     assert page.scene.plot.item.opacity() == page.response.plot.item.opacity() == style.STALE_OPACITY
-    assert page.scene.readout.text().startswith("design before")
-    assert page.response.readout.text() == "tracing \u2026 50 %   the design before is shown"
+    assert page.scene.readout.text().startswith("previous design")
+    assert page.response.readout.text() == "tracing \u2026 50 %   previous design shown"
     FakeJob.made[-1].fraction = 0.8
     update(page)
     assert "80 %" in page.response.readout.text()
     FakeJob.made[-1].bring(traced())
     update(page)
     assert page.scene.plot.item.opacity() == page.response.plot.item.opacity() == 1.0
-    assert "design before" not in page.scene.readout.text() + page.response.readout.text()
+    assert "previous design" not in page.scene.readout.text() + page.response.readout.text()
 
 
 def test_cancelled_trace_is_not_started_again(page):

@@ -139,7 +139,10 @@ class MeritMap:
             self.item.addItem(drawn)
         marks = [(i + 0.5, f"{step:g}") for i, step in enumerate(STEPS_MM)]
         for side in ("left", "bottom"):
-            self.item.getAxis(side).setTicks([marks[1::2], [(at, "") for at, _ in marks]])
+            ruler = self.item.getAxis(side)
+            ruler.setTicks([marks[1::2], [(at, "") for at, _ in marks]])
+            ruler.setStyle(tickLength=style.STEP)  # outside
+            ruler.setZValue(-1)  # else its line covers that of a mark
         self.item.setRange(xRange=(0, len(STEPS_MM)), yRange=(0, len(STEPS_MM)), padding=0)
         box = self.item.getViewBox()
         box.setFlag(box.GraphicsItemFlag.ItemClipsChildrenToShape, False)  # marks in the outer cells are whole

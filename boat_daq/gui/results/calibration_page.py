@@ -24,7 +24,7 @@ from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.gui.widgets.layouts import Divided, EmptyState, Leaves, Shares
-from boat_daq.viewmodels.common.services import Panel, Services, Tab
+from boat_daq.viewmodels.common.services import Page, Panel, Services, Tab
 from boat_daq.viewmodels.results.calibration import (
     ACCEPT,
     ANYWAY,
@@ -43,6 +43,11 @@ BANDS_SHOWN = "Bands: 68 % and 95 % of the curve; the widest, once sampled (emce
 EXPORT_TIP = "For other programs: JSON, C header, MATLAB or Octave function, or table"
 ACCEPT_TIP = "Store it with the unit and use it live"
 ANYWAY_TIP = "Store it with the unit, marked as out of tolerance, and use it live"
+_NO_RUN = (
+    "No run has been analysed yet",
+    "Run the calibration plan on Measure and type its readings: curves, loops and figures appear here.",
+    "Analyse the last run",
+)
 _NO_CYCLE = "A loop needs one complete cycle."
 _BRANCHES = (("Loading", "Residual, loading", True), ("Unloading", "Residual, unloading", False))
 CERTIFICATE_TIP = "Certificate as PDF and XML: enter what is missing, look at the pages, save"
@@ -207,13 +212,8 @@ class CalibrationPage(QWidget):
         self.uncertainty = UncertaintyCard()
         self.figures = KeyFigures("results", services.preferences)
         self.table = self.figures.table
-        empty = EmptyState(
-            "No run has been analysed yet",
-            "Run the calibration plan on Measure and type its readings: curves, loops and figures appear here.",
-            "Analyse the last run",
-            partial(services.notices.attempt, model.analyse_current),
-        )
-        self.stack = Leaves(empty, self._filled())
+        self.empty = EmptyState(*_NO_RUN, self._analyse_or_choose)
+        self.stack = Leaves(self.empty, self._filled())
         controls.page_layout(self).addWidget(self.stack)
 
     @property
@@ -378,7 +378,11 @@ class CalibrationPage(QWidget):
         self._revision = self.model.revision
         result = self.model.result
         self.again.setEnabled(not self.model.working and self.model.last_path is not None)
-        self.stack.setCurrentIndex(0 if result is None and not self.model.working and self.model.failure is None else 1)
+        self.stack.setCurrentIndex(0 if result is None and not self.model.working else 1)
+        if self.model.failure is None:
+            self.empty.say(*_NO_RUN)
+        else:
+            self.empty.say(self.model.verdict()[1], self.model.headline(), "Go to Recordings")
         state, verdict = self.model.verdict()
         self.verdict.setText(verdict)
         controls.set_state(self.verdict, state)
@@ -423,6 +427,12 @@ class CalibrationPage(QWidget):
         self.candidates.fill([cells for cells, _ in curves], [tip for _, tip in curves])
         self._show_texts(result)
 
+    def _analyse_or_choose(self) -> None:
+        if self.model.failure is None:
+            self.services.notices.attempt(self.model.analyse_current)
+        else:
+            self.services.show(Page.RECORDINGS)
+
     def _show_acceptance(self) -> None:
         """Show the warnings of the curves; out of tolerance, acceptance is possible but not the primary action."""
         missed, lines, obstacle = self.model.out_of_tolerance(), self.model.acceptance_warnings(), self.model.obstacle()
@@ -442,7 +452,7 @@ class CalibrationPage(QWidget):
         """Remove the curves and figures of the run before."""
         for card in self.plots:
             card.clear()
-            card.show_empty("Loading \u2026" if self.model.working else "Nothing to show.")
+            card.show_empty("Loading \u2026")
         self.figures.show_figures((), (), ())
         self.budget.show_rows((), ())
         for label in (self.posterior, self.run_warnings, self.comparison, self.traced):

@@ -401,7 +401,8 @@ class OpticsModel:
         if s.paper >= 0:
             lines.append(f"Paper's rank: {s.rank_text or s.ranks[s.paper]}")
         if s.fans > 1:
-            lines.append(f"{count(s.winners, 'design')} best in at least one of {s.fans} sweeps, each with its rays turned")
+            best = f"{count(s.winners, 'design')} best in at least one"
+            lines.append(f"{best} of {s.fans} sweeps, each with its rays turned")
         return "\n".join([*lines, *([sentence(s.error_text).removesuffix(".")] if s.error_text else [])])
 
     def pick(self, cavities: int, width_mm: float, column: float, row: float) -> None:

@@ -99,6 +99,7 @@ class CalibrationModel:
         self.last_path: Path | None = None
         self.choice = ""  # that was chosen for the last recording; none: see `chosen_curve`
         self.accepted: CalibrationRecord | None = None
+        self._failed: Notice | None = None  # why the last analysis has no result
         self._asked: Notice | None = None  # whether to accept what is out of tolerance
         self._replaced: tuple[Any, ...] = (None, None, (), (), None)  # by a first result
         self.revision = 0
@@ -137,6 +138,7 @@ class CalibrationModel:
 
     def _start(self, path: Path) -> None:
         self.failure = None
+        self._services.notices.dismiss(self._failed)
         self.revision += 1
         job = Job(
             f"Analysing {path.name}", analyse_run, str(path), level=self.fidelity.level, curve=self.choice, compare=True
@@ -232,7 +234,10 @@ class CalibrationModel:
             self.choice = self.result.curve if self.result is not None else self.choice
             self.revision += 1
             return
-        self.failure = job.failure
+        if (failure := job.failure) is not None:
+            add = self._services.notices.add
+            self._failed = add(Severity.WARNING, failure.cause, failure.remedy, details=failure.details)
+        self.failure = failure
         self.show(job.result)
 
     def show(self, result: RunResult | None) -> None:
@@ -357,7 +362,7 @@ class CalibrationModel:
     def verdict(self) -> tuple[str, str]:
         """Return (state, text) for the top of the page: what the calibration may be used for."""
         if self.failure is not None:
-            return "fault", f"\u25a0 {self.failure.cause}"
+            return "warning", f"\u25b2 {self.failure.cause}"
         if self.result is None:
             return "", "Analysing \u2026" if self.working else ""
         found = self.result.verdict or RunVerdict()

@@ -197,14 +197,17 @@ def test_new_analysis_clears_the_page(calibrate):
 
 
 def test_failed_analysis_shows_cause_and_remedy(calibrate):
-    """Both were in one line, cut with an ellipsis before the remedy, over axes from 0 to 1."""
+    """In one empty state, with the way to another recording."""
     calibrate.go("Calibration")
     model, page = calibrate.model.calibration, calibrate.pages["Calibration"]
     model.failure = RequestError("x.boat is not a recording", "Choose another one.")
     model.revision += 1
     page.refresh(calibrate.model.snapshot)
-    assert (page.verdict.text(), page.headline.text()) == ("\u25a0 x.boat is not a recording", "Choose another one.")
-    assert all(card.empty_text.text() == "Nothing to show." for card in page.curves)
+    shown = page.empty.title.text(), page.empty.words.text()
+    assert shown == ("\u25b2 x.boat is not a recording", "Choose another one.")
+    assert page.empty.button.isVisible() and not page.verdict.isVisible()
+    page.empty.button.click()
+    assert calibrate.pages["Recordings"].isVisible()
 
 
 def test_uncertainty_is_drawn_over_the_range(calibrate):

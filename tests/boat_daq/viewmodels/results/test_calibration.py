@@ -320,8 +320,12 @@ def test_damaged_file_is_reported_with_its_cause(tmp_path):
     model.analyse(path)
     until(lambda: (model.jobs.poll(), model.failure)[1] is not None)
     state, words = model.verdict()
-    assert state == "fault"
-    assert "broken.boat" in words
+    assert state == "warning"
+    notices = model._services.notices
+    assert "broken.boat" in words and notices.current().cause in words
+    assert "broken.boat" in notices.history_text()
+    model.analyse(path)
+    assert notices.current() is None
 
 
 def test_file_of_readings_is_kept_beside_the_recording(tmp_path, monkeypatch):

@@ -99,8 +99,9 @@ class LivePlots(PlotCard):
         self.band = self.length.band("Band, k = 2", lambda t: t.elongation)
         self.read = self.length.points("Readings", lambda t: t.text, filled=False)
         self.curves[ELONGATION] = self.length.curve("Elongation", lambda t: t.elongation, gaps=True, thin=True)
-        self.curves[PRESSURE] = self.pressure.curve("Pressure", lambda t: t.pressure, gaps=True, thin=True)
+        # before the pressure, so that what is measured is drawn over it
         self.target = self.pressure.curve("Target", lambda t: t.target, gaps=True, pen_style=Qt.PenStyle.DashLine)
+        self.curves[PRESSURE] = self.pressure.curve("Pressure", lambda t: t.pressure, gaps=True, thin=True)
         self.limits = self.pressure.curve("Limits", lambda t: t.warn, gaps=True, pen_style=Qt.PenStyle.DotLine)
         for quantity, plot in ((ELONGATION, self.length), (PRESSURE, self.pressure)):
             self.layers[quantity] = list(plot.layers)

@@ -15,8 +15,8 @@ from typing import Any, TypeVar
 import numpy as np
 import pyqtgraph as pg
 from PySide6.QtCore import Qt, Signal
-from PySide6.QtGui import QBrush, QColor, QGuiApplication, QPainterPath, QPen, QTransform
-from PySide6.QtWidgets import QGraphicsItem, QGraphicsPathItem
+from PySide6.QtGui import QBrush, QColor, QGuiApplication, QPainter, QPainterPath, QPen, QTransform
+from PySide6.QtWidgets import QGraphicsItem, QGraphicsPathItem, QWidget
 
 from boat_daq.gui import style
 from boat_daq.gui.plotting.axes import TickAxis, named
@@ -30,6 +30,7 @@ _EMPTY: FloatArray = np.zeros(0)
 IN_FRONT = 10  # of the data; what is higher covers other labels, too
 FILLED_POINTS = 64  # points of a surface of a band
 COSMETIC = 0.0  # a pen of this width is one pixel at any zoom and adds nothing to the bounds
+_HALF_A_PIXEL = QTransform.fromTranslate(0.5, 0.5)
 DASHES_PX = 6.0  # after so many the patterns of dashed and of dotted lines begin again
 
 pg.setConfigOptions(antialias=False, useOpenGL=False, segmentedLineMode="off")
@@ -77,7 +78,7 @@ class PathItem(QGraphicsPathItem):
         return self._end
 
     def _part(self) -> PathItem:
-        part = PathItem(self)
+        part = type(self)(self)
         part.setPen(self.pen())
         part.setBrush(self.brush())
         return part
@@ -144,6 +145,15 @@ def _surface(x: FloatArray, low: FloatArray, high: FloatArray) -> QPainterPath:
     path: QPainterPath = pg.functions.arrayToQPath(np.concatenate([x, x[::-1]]), np.concatenate([low, high[::-1]]))
     path.setFillRule(Qt.FillRule.WindingFill)
     return path
+
+
+class TwicePathItem(PathItem):
+    """A line painted twice, half a pixel apart: as wide at twice the pixels, in a fifth of the time of a wide pen."""
+
+    def paint(self, painter: QPainter, option: Any, widget: QWidget | None = None) -> None:
+        super().paint(painter, option, widget)
+        painter.setWorldTransform(painter.worldTransform() * _HALF_A_PIXEL)
+        super().paint(painter, option, widget)
 
 
 class Layer:
@@ -407,7 +417,8 @@ class Plot:
         pen_style: Qt.PenStyle = Qt.PenStyle.SolidLine,
     ) -> Curve:
         """Add a curve; dashed for a value that is set, not measured; `thin` where it is painted many times a second."""
-        layer = Curve(name, PathItem(), colour, lambda it, value: it.set_line_colour(value, pen_style, thin=thin))
+        item = TwicePathItem() if thin and line_width() != COSMETIC else PathItem()
+        layer = Curve(name, item, colour, lambda it, value: it.set_line_colour(value, pen_style, thin=thin))
         layer.gaps = gaps
         return self._add(layer)
 

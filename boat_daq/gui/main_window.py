@@ -197,8 +197,9 @@ class MainWindow(QMainWindow):
     def refresh(self) -> None:
         snapshot = self.model.tick()
         self.window_keys.watch_all()
-        elsewhere = "" if self.page is Page.MEASURE else self.model.run.pressure_text(snapshot)
-        self.guard.show(self.header, "The header", lambda: self.header.refresh(snapshot, elsewhere))
+        readable = self.page is Page.MEASURE and not any(dialog.isVisible() for dialog in self.findChildren(QDialog))
+        pressure = "" if readable else self.model.run.pressure_text(snapshot)
+        self.guard.show(self.header, "The header", lambda: self.header.refresh(snapshot, pressure))
         page = self.pages[self.place]
         self.guard.show(page, str(self.place), lambda: page.refresh(snapshot))
         focus = QApplication.focusWidget()

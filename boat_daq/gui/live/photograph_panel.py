@@ -39,6 +39,7 @@ _KINDS: Final = ("png", "jpg", "jpeg", "bmp", "tif", "tiff")
 FILE_BYTES_MAX: Final = 200_000_000
 REMEDY: Final = "Copy or choose a PNG or JPEG of the millimetre grid."
 TAKE = "Take the reading"
+LOAD = "Load or paste (Ctrl+V) a picture of the millimetre grid. Wheel: zoom; right button: move."
 NO_PLATEAU = "Measured. No plateau needs a reading now: take it at the next one, or type it."
 _MARKS = ("scale 1", "scale 2", "rest", "tip")
 
@@ -131,8 +132,7 @@ class PhotographPanel(QDialog):
         self.resize(*style.WINDOW_MINIMUM)
         self.view = PictureView()
         self.view.clicked.connect(self.click)
-        first = "Load or paste (Ctrl+V) a picture of the millimetre grid. Wheel: zoom; right button: move."
-        self.instruction = controls.label(first, "set", name="What to do next")
+        self.instruction = controls.label(LOAD, "set", name="What to do next", wrap=True)
         self.distance = controls.field("Distance between scale marks in mm", "10", width=2 * style.CONTROL_HEIGHT)
         self.distance.textChanged.connect(lambda _: self._scale())
         self.value = controls.label(NOTHING, "title", name="Elongation read")
@@ -182,13 +182,14 @@ class PhotographPanel(QDialog):
 
     def refresh(self) -> None:
         """Follow the run: a plateau may begin or cease to wait meanwhile."""
-        if self.isVisible() and not self.view.picture.pixmap().isNull():
+        if self.isVisible():
             self._refresh()
 
     def _refresh(self) -> None:
         x, waiting = self.state.elongation_mm, self.run.snapshot.waiting_for_reading
         waits = waiting is not None
-        text = self.state.instruction if waits or x is None else NO_PLATEAU
+        step = LOAD if self.view.picture.pixmap().isNull() else self.state.instruction
+        text = step if waits or x is None else NO_PLATEAU
         warning = self.run.readings.doubt(waiting.step_id, x) if waiting is not None and x is not None else ""
         question = f"   {self.run.readings.question(self.run.snapshot)}" if waits else ""
         controls.set_text(self.instruction, f"\u25b2 {warning}{question}" if warning else text + question)

@@ -486,6 +486,7 @@ class Sequencer:
         each_s = [pace * self._duration_s(step, before) for step, before in zip(steps_now, path, strict=False)]
         cycles = self._cycles_left()
         steps = len(self._queue) + cycles * len(self._planned.targets_kpa)
+        steps += self.state is SessionState.PAUSED  # the opening plateau, again
         plan_s = self._step_left_s(each_s[0] if each_s else 0.0) + sum(each_s[1:])
         return plan_s + pace * cycles * self._cycle_duration_s() + self._readings_left_s(cycles), steps
 

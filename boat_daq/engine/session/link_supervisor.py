@@ -275,7 +275,8 @@ class LinkSupervisor:
     def _lose(self, error: DeviceError) -> None:
         self._detach()
         with self._acting() as control:
-            control.link_lost(error.cause)
+            board = control.hello.board_id if control.hello else ""
+            control.link_lost(error.cause.replace(self.url or "", board, 1) if board else error.cause)
             self._expected_id = control.hello.board_id if control.hello else None
         self._seeking, self._said = True, None
         self.state, self._since_s = LinkState.LOST, self._clock_s()

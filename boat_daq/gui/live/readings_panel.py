@@ -21,7 +21,7 @@ from PySide6.QtWidgets import (
     QWidget,
 )
 
-from boat_daq.engine.snapshot import SessionSnapshot
+from boat_daq.engine.snapshot import SessionSnapshot, SessionState
 from boat_daq.engine.toml_values import read_text
 from boat_daq.formatting import duration
 from boat_daq.gui import style
@@ -40,6 +40,7 @@ BY_HAND, BY_PHOTOGRAPH, BY_CAMERA = "typed", "photograph", "camera"
 WAYS = (("Typed", BY_HAND), ("Photograph", BY_PHOTOGRAPH), ("Camera", BY_CAMERA))
 WAYS_TIP = "Where readings come from; each can be corrected in the table"
 AGAIN = "Enter again"
+NEW_LINE = "\n"
 Index = QModelIndex | QPersistentModelIndex
 
 
@@ -106,6 +107,7 @@ class ReadingBar(QFrame):
             self.step_id = None
             return
         self._due = self.run.readings.question(snapshot)
+        self._pause(snapshot.state is SessionState.PAUSED)
         self._ask()
         left_s = waiting.time_left_s if waiting is not None else math.inf
         taken = self.run.readings.taken() if waiting is None else ""
@@ -136,11 +138,14 @@ class ReadingBar(QFrame):
             self._doubted = None
         without_cycle = self._due.rpartition(", ")[0]  # which the line of the run names, too
         if warning:
-            why = warning.partition("? ")[2]  # the field shows what is typed
-            again = f", {AGAIN}" if self._short and self._doubted is not None else ""
-            controls.set_text(self.question, f"\u25b2 {warning}{again}", shorter=f"\u25b2 {why}{again}")
+            keep, again = ("Keep ", f", {AGAIN}" if self._short else "") if self._doubted is not None else ("", "")
+            why = f"?{' ' if self._narrow else NEW_LINE}{warning.partition('? ')[2]}{again}"
+            places = (f"a{place[1:]}" for place in (without_cycle, self._due.partition(", ")[0]))  # At -> at
+            whole, short = (f"\u25b2 {keep}{text.strip()} {place}{why}" for place in places)
+            controls.set_text(self.question, whole, shorter=short)
         else:
             controls.set_text(self.question, self._due, shorter=without_cycle)
+        controls.set_state(self.question, "small" if warning and not self._narrow else "set", "role")
         self._show_unit()
         controls.set_state(self.question, "warning" if warning else "")
         if self.field.accessibleDescription() != warning:
@@ -158,6 +163,12 @@ class ReadingBar(QFrame):
             remedy = " ".join(filter(None, (why and f"{why}.", "It is kept in the table of readings.")))
             notice = self.notices.add(Severity.WARNING, cause, remedy, action=offer)
             self._offers[step] = notice, self.run.snapshot.recording
+
+    def _pause(self, paused: bool) -> None:
+        """Take no entry while the run is paused; the focus goes to no button instead."""
+        if paused and self.field.isEnabled():
+            self.field.clearFocus()
+        self.field.setEnabled(not paused)
 
     def _enable(self, due: bool) -> None:
         """Allow an entry, or none; the focus stays in the field instead of moving to the next button."""
@@ -208,7 +219,8 @@ class ReadingBar(QFrame):
     def _show_unit(self) -> None:
         unit = self.run.readings.unit
         press = "press Enter" if self._doubted is None else AGAIN
-        controls.set_text(self.unit, unit if self._short else f"{unit}, {press}")
+        alone = self._short or not self.field.isEnabled()
+        controls.set_text(self.unit, unit if alone else f"{unit}, {press}")
         self.field.setAccessibleName(f"Elongation in {unit}")
 
     def enter(self) -> None:
@@ -383,7 +395,7 @@ class ReadingsTable(QWidget):
         self.model.show_rows(rows)
         self.empty.setVisible(not rows)
         self.view.setVisible(bool(rows))
-        controls.set_text(self.count, self.readings.summary(rows))
+        controls.set_text(self.count, self.readings.summary(snapshot, rows))
         if len(rows) > before:
             self.view.scrollToBottom()
 

@@ -198,7 +198,8 @@ class SequencePanel(QFrame):
         wrapped = metrics.boundingRect(0, 0, width, 0, Qt.TextFlag.TextWordWrap, shown)
         beside = wrapped.width() <= width and wrapped.height() <= style.CONTROL_HEIGHT
         controls.set_text(self.progress, shown if beside else "")
-        self._show_below("\n".join(filter(None, ("" if beside else shown, self.run.uncertainty_text(snapshot)))))
+        below = "" if beside else shown, self.run.interrupted_text(snapshot), self.run.uncertainty_text(snapshot)
+        self._show_below("\n".join(filter(None, below)))
 
     def _show_below(self, text: str) -> None:
         if text != self.uncertainty.text():

@@ -63,10 +63,11 @@ class ElidedLabel(QLabel):
         return QSize(min(self.least, hint.width()), hint.height())
 
     def fitting(self, width: int) -> str:
-        """Return what is shown in a width: the text, else the shorter one, else either cut."""
-        fits = self.fontMetrics().horizontalAdvance(self.text()) <= width
-        text = self.text() if fits else self.shorter or self.text()
-        return self.fontMetrics().elidedText(text, Qt.TextElideMode.ElideRight, width)
+        """Return what is shown in a width: the text, else the shorter one, else either cut, line by line."""
+        metrics = self.fontMetrics()
+        fits = all(metrics.horizontalAdvance(line) <= width for line in self.text().split("\n"))
+        lines = (self.text() if fits else self.shorter or self.text()).split("\n")
+        return "\n".join(metrics.elidedText(line, Qt.TextElideMode.ElideRight, width) for line in lines)
 
     def paintEvent(self, event: QPaintEvent) -> None:
         """Draw the text, cut where it must be; the tooltip then shows the whole of it."""

@@ -19,7 +19,7 @@ from typing import Protocol
 import numpy as np
 
 from analysis.figures.outliers import outlying
-from boat_daq.engine.plan import StepMark
+from boat_daq.engine.plan import StepMark, resume_point
 from boat_daq.engine.recording.closed_run import ClosedRun
 from boat_daq.engine.snapshot import Progress, Reading, ReadingRequest, SessionSnapshot, SessionState
 from boat_daq.formatting import count, in_units, number, stored_number, target
@@ -27,6 +27,7 @@ from boat_daq.viewmodels.common.services import Change, UndoHistory
 from boat_daq.viewmodels.live.sequence import BRANCH_WORDS
 from protocol.base.errors import RequestError
 from protocol.base.units import NOTHING, STORED_UNITS, ShownUnits, as_text
+from protocol.recording import RunEnd
 
 PLAUSIBLE_MM = 60.0  # longer than the actuator itself
 APART_KPA = 5.0  # plateaus further apart than this do not have one elongation
@@ -167,7 +168,7 @@ class ReadingsModel:
             return f"At {place(waiting, self.units)}"
         if snapshot.state is SessionState.RUNNING and progress is not None:
             return f"Next: {place(progress, self.units)}"
-        return "Next: elongation, once the run is resumed" if snapshot.state is SessionState.PAUSED else ""
+        return "No reading while paused" if snapshot.state is SessionState.PAUSED else ""
 
     def taken(self) -> str:
         """Return the reading of the last plateau that has one, e.g. `+2.50 taken`; empty without."""
@@ -242,9 +243,9 @@ class ReadingsModel:
             found = self._nominal(target_kpa)
             if found is None or not all(map(math.isfinite, found)):
                 return ""
-            self._bands[target_kpa] = found[0], found[1] + self.resolution_mm
+            self._bands[target_kpa] = found
         nominal_mm, band_mm = self._bands[target_kpa]
-        if abs(mm - nominal_mm) <= band_mm:
+        if abs(mm - nominal_mm) <= band_mm + self.resolution_mm:
             return ""
         return f"model {in_units(self.units, 'mm', nominal_mm, 1, band=band_mm)}"
 
@@ -256,14 +257,27 @@ class ReadingsModel:
         self.typed[step_id] = text.strip()
         return place(step, self.units)
 
-    @staticmethod
-    def summary(rows: list[Row]) -> str:
-        """Return how many plateaus were read, and how many outliers there are; interrupted ones are not counted."""
-        rows = [row for row in rows if row.step.status != "aborted" or row.reading is not None]
+    def summary(self, snapshot: SessionSnapshot, rows: list[Row] | None = None) -> str:
+        """Return how many plateaus of the run were read, and how many outliers there are."""
+        rows = self.rows(snapshot) if rows is None else rows
         read = sum(row.reading is not None for row in rows)
         far = sum(row.apart_mm is not None for row in rows)
-        text = f"{read} of {count(len(rows), 'plateau')} read" if rows else ""
+        text = f"{read} of {count(self._expected(snapshot, rows), 'plateau')} read" if rows else ""
         return text + (f", {count(far, 'outlier')}" if far else "")
+
+    def _expected(self, snapshot: SessionSnapshot, rows: list[Row]) -> int:
+        """Return how many plateaus the run has: those so far, without interrupted ones, and those planned behind."""
+        so_far = [row.step for row in rows if row.step.status != "aborted" or row.reading is not None]
+        plan, ended = snapshot.plan, snapshot.run_ended
+        steps = [step for step in self.session.steps() if step.branch != "end"]
+        opened = [i for i, step in enumerate(steps) if step.branch == "start"]
+        if plan is None or not opened or (ended is not None and ended.end is RunEnd.FINISHED):
+            return len(so_far)
+        earlier, now = steps[: opened[-1]], steps[opened[-1] :]
+        before = sum(step.number < now[0].number for step in so_far)
+        _, complete = resume_point(plan, earlier)
+        passed = sum(step.passed for step in now)
+        return max(len(so_far), before + 1 + (plan.cycles - complete) * len(plan.targets_kpa) - passed)
 
     def enter(self, step_id: int, text: str, source: str = "typed") -> None:
         """Enter the text typed for a plateau; an empty text withdraws its reading."""

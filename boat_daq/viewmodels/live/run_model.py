@@ -24,7 +24,7 @@ from boat_daq.viewmodels.common.services import Page, Services, Tab
 from boat_daq.viewmodels.live.connection import ENDED, ConnectionModel
 from boat_daq.viewmodels.live.end_at import EndAt, EndReport, uncertainty_text
 from boat_daq.viewmodels.live.live_model import LiveModel
-from boat_daq.viewmodels.live.readings import ReadingsModel
+from boat_daq.viewmodels.live.readings import ReadingsModel, place
 from boat_daq.viewmodels.live.sequence import AT_REST, SequenceModel, is_unknown
 from boat_daq.workflows.end_at_uncertainty import EnoughCycles
 from protocol.base.errors import BoatDaqError, RequestError
@@ -275,6 +275,15 @@ class RunModel:
         """Return the uncertainty of the run, or what the last one had reached; "" where none was asked for."""
         text = uncertainty_text(self.enough, snapshot) or self.end_report.text
         return text[:1].upper() + text[1:]
+
+    def interrupted_text(self, snapshot: SessionSnapshot) -> str:
+        """Return how far a run came that was interrupted; empty for any other."""
+        ended, steps = snapshot.run_ended, [step for step in self.session.steps() if step.branch != "end"]
+        if snapshot.state not in (SessionState.FAULT, SessionState.ABORTED) or ended is None or not ended.aborted:
+            return ""
+        read = self.readings.summary(snapshot) if self.readings.latest() else ""
+        at = f"at {place(steps[-1], self.readings.units)}" if steps else ""
+        return ", ".join(filter(None, (f"Run interrupted {at}".rstrip(), read)))
 
     def may_read_grid(self) -> bool:
         """Return whether a plateau of this window's virtual board waits for its reading."""

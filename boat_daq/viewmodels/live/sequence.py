@@ -431,6 +431,8 @@ def _promise(snapshot: SessionSnapshot, units: ShownUnits) -> str:
     if last is None or not last.flags & SampleFlag.WATCHDOG_ARMED:
         return "no watchdog was armed: the unit may be under pressure"
     wait_s = (LONGEST_MS if snapshot.speed > FAST else REAL_TIME_MS) / 1000
+    if snapshot.health is not None and snapshot.health.silent_s > wait_s:
+        return "the board should have vented by its watchdog"
     return f"the board vents by its watchdog within {wait_s:.0f} s"
 
 
@@ -450,14 +452,19 @@ def progress_text(snapshot: SessionSnapshot, leave_out: int = 0, units: ShownUni
     if progress is None:
         held = elongation_text(snapshot, units)
         return held[:1].lower() + held[1:]
-    where = f"cycle {progress.cycle} of {progress.cycles}" if progress.cycle else "first plateau"
     left = f"{duration(progress.time_left_s)} left"
+    if snapshot.state is SessionState.PAUSED:
+        broken, again = "first plateau interrupted", "will be repeated"
+        if progress.cycle:
+            broken, again = f"cycle {progress.cycle} interrupted", f"will be repeated as cycle {progress.cycle + 1}"
+        return "   ".join(((broken, left, again), (broken, left), (broken,))[leave_out])
+    where = f"cycle {progress.cycle} of {progress.cycles}" if progress.cycle else "first plateau"
+    where += f", {len(progress.incomplete_cycles)} repeated" if progress.incomplete_cycles else ""
     step = f"step {progress.step} of {progress.steps}"
     phase = PHASE_WORDS.get(progress.phase, progress.phase.value)
     mm = progress.target_mm
     goal = target(progress.target_kpa, units) if mm is None else in_units(units, "mm", mm, 2)
-    doing = "will repeat this cycle" if snapshot.state is SessionState.PAUSED else f"{phase} at {goal}"
-    parts = ((where, step, left, doing), (where, step, left), (where, left))
+    parts = ((where, step, left, f"{phase} at {goal}"), (where, step, left), (where, left))
     return "   ".join(parts[leave_out])
 
 
@@ -467,7 +474,11 @@ def done_s(plan: Plan, snapshot: SessionSnapshot) -> float:
     if progress is None or not progress.step:
         return 0.0
     edges = step_begins(plan)
-    i = min(progress.step, edges.size - 1) - 1
+    to_come = progress.steps - progress.step  # of a run with repeated cycles the steps before have no place in the plan
+    if snapshot.state is SessionState.PAUSED:
+        return float(edges[max(edges.size - to_come, 0)]) if progress.complete_cycles else 0.0
+    at = progress.step if snapshot.state is SessionState.FINISHING else edges.size - 1 - to_come
+    i = min(max(at, 1), edges.size - 1) - 1
     return float(min(edges[i] + progress.step_time_s, edges[i + 1]))
 
 

@@ -22,6 +22,7 @@ from tests.boat_daq.engine.controller_rig import QUICK, ControllerRig
 from tests.conftest import mostly_at_night
 
 RUN_S = 60.0
+AGAIN = "check its cable: it reconnects automatically"
 
 
 def vented(rig: ControllerRig) -> bool:
@@ -230,7 +231,7 @@ def test_unplugged_under_pressure_the_board_vents_by_itself() -> None:
     rig.control.link_lost("the port is gone")
     rig.flush()
     assert rig.state is SessionState.FAULT
-    assert rig.reports(["link_lost"])[0].remedy == "connect it again; the board vents by itself"
+    assert rig.reports(["link_lost"])[0].remedy == f"{AGAIN}; the board vents by itself"
     rig.run(REAL_TIME_MS / 1e3 + 1.5)
     assert vented(rig)
     rig.replug()
@@ -556,7 +557,7 @@ def test_a_vent_that_reached_no_board_is_repeated_when_it_is_back() -> None:
     rig.control.last = dataclasses.replace(rig.control.last, flags=SampleFlag(0))  # no watchdog
     rig.control.link_lost("the port is gone")
     rig.flush()
-    assert rig.reports(["link_lost"])[0].remedy == "connect it again; no watchdog vents the unit"
+    assert rig.reports(["link_lost"])[0].remedy == f"{AGAIN}; no watchdog vents the unit"
     rig.do(lambda: rig.control.vent(unreachable=True))
     assert [note.text for note in rig.reports(["vent"])] == ["VENT was not sent: no board is connected"]
     rig.board._control._timeout_us = 0  # no watchdog

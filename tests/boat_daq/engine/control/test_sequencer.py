@@ -209,7 +209,9 @@ def test_pause_leaves_the_cycle_out_and_continues_the_count() -> None:
     rig.sequencer.pause()
     rig.run(10)
     assert rig.pressure == 0.0 and rig.sequencer.state is SessionState.PAUSED and not rig.ended
+    steps = rig.sequencer.progress().steps
     rig.sequencer.resume()
+    assert rig.sequencer.progress().steps == steps  # with the opening plateau, which is held again
     rig.run(150)
     assert rig.ended == [RunEnding(RunEnd.FINISHED)]
     assert rig.breaks == ["paused", "resumed"]

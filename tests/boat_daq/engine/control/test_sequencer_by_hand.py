@@ -130,7 +130,7 @@ def test_progress_of_a_run_with_a_pause() -> None:
     assert progress(sequencer).time_left_s == pytest.approx(20.0)
     at(sequencer, 30.0, 20.0)
     sequencer.pause()
-    assert counts(sequencer) == (4, 6, 2, 3, 1, (2,))
+    assert counts(sequencer) == (4, 7, 2, 3, 1, (2,))
     assert (progress(sequencer).phase, progress(sequencer).time_left_s) == (Phase.VENTING, 20.0)
     at(sequencer, 40.0, 0.0)
     sequencer.resume()

@@ -242,7 +242,8 @@ def test_implausible_reading_is_warned_of_beside_its_field(running):
     QTest.keyClicks(bar.field, "1")  # in its place
     assert bar.question.property("state") == ""
     QTest.keyClicks(bar.field, "4")
-    assert bar.question.text() == "\u25b2 +14.00 mm? Model +1.4 \u00b11.1 mm"
+    model = "Model +1.4 \u00b10.6 mm"  # its own band, as in the pane of the shadow; the grid's is added to it
+    assert bar.question.text() == f"\u25b2 14 at +20 kPa, unloading?\n{model}"
     assert bar.question.property("state") == "warning"
     assert "Model" in bar.field.accessibleDescription()
     running.refresh()
@@ -250,11 +251,13 @@ def test_implausible_reading_is_warned_of_beside_its_field(running):
     QTest.keyClick(bar.field, Qt.Key.Key_Return)
     running.refresh()
     assert running.model.session.kept == []
-    assert (bar.question.shorter, bar.unit.text()) == ("\u25b2 Model +1.4 \u00b11.1 mm", "mm, Enter again")
+    assert bar.question.shorter == f"\u25b2 Keep 14 at +20 kPa?\n{model}"
+    assert bar.unit.text() == "mm, Enter again"
     assert "\u2026" not in bar.question.fitting(bar.question.width())
     bar.fold(narrow=True, low=True)  # the words beside the field were cut
     running.refresh()
-    assert (bar.question.shorter, bar.unit.text()) == ("\u25b2 Model +1.4 \u00b11.1 mm, Enter again", "mm")
+    assert bar.question.text() == f"\u25b2 Keep 14 at +20 kPa, unloading? {model}, Enter again"
+    assert bar.unit.text() == "mm"
     QTest.keyClicks(bar.field, "14")  # in its place
     QTest.keyClick(bar.field, Qt.Key.Key_Return)
     assert running.model.session.kept == []
@@ -274,7 +277,7 @@ def test_implausible_reading_of_the_table_is_asked_for_again(running):
     for text in ("14", "1.5", "15"):
         table.setData(at, text)
     assert [reading.elongation_mm for reading in session.kept] == [1.5]
-    assert running.model.notices.current().cause == "+15.00 mm? Model +1.4 \u00b11.1 mm, at +20 kPa, unloading, cycle 1"
+    assert running.model.notices.current().cause == "+15.00 mm? Model +1.4 \u00b10.6 mm, at +20 kPa, unloading, cycle 1"
     running.refresh()
     assert (table.data(at, Qt.ItemDataRole.EditRole), table.rows[at.row()].cells[4]) == ("15", "15: not entered")
     table.setData(at, "15")

@@ -52,9 +52,12 @@ def test_interrupted_run_has_buttons_to_resume_and_to_start_over(live):
 
 
 def test_paused_run_names_the_cycle_at_which_it_resumes(running):
-    """The cycle of the pause is left out, the next one is named on the button."""
+    """The cycle of the pause is left out, the next one is named on the button; no reading is asked for."""
     running.model.session.change(state=SessionState.PAUSED)
     running.refresh()
+    bar = running.live.reading
+    assert (bar.question.text(), bar.unit.text()) == ("No reading while paused", "mm")
+    assert not bar.field.isEnabled()
     resume = running.live.sequence.buttons["resume"]
     assert (resume.text(), resume.isVisible()) == ("Resume at cycle 2", True)
 
@@ -104,9 +107,14 @@ def test_each_run_has_its_own_recording(live):
 @pytest.mark.parametrize("state", mostly_at_night(SessionState.FAULT, SessionState.ABORTED))
 def test_interrupted_run_shows_its_cause(live, state):
     """The strip's message goes once the link is up again: "Fault" was shown without a reason."""
+    live.model.session.marks = (StepMark(1, 2, "unloading", 40.0, 10.0, 0),)
+    live.model.session.add_reading(1, 3.0, "typed")
     live.model.session.change(state=state, run_ended=RunEnding(RunEnd.FAULT, "the board was unplugged"), progress=None)
     live.refresh()
     assert live.live.sequence.progress.text() == "the board was unplugged"
+    assert (
+        live.live.sequence.uncertainty.text() == "Run interrupted at +40 kPa, unloading, cycle 2, 1 of 1 plateau read"
+    )
     live.model.session.change(state=SessionState.IDLE, run_ended=RunEnding(RunEnd.FINISHED))
     live.refresh()
     assert "plateaus" in live.live.sequence.progress.text()

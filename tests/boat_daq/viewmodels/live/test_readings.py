@@ -7,10 +7,11 @@ import dataclasses
 import pytest
 
 from boat_daq.engine.plan import StepMark
-from boat_daq.engine.snapshot import ReadingRequest
+from boat_daq.engine.snapshot import ReadingRequest, RunEnding, SessionState
 from boat_daq.viewmodels.common.services import UndoHistory
 from boat_daq.viewmodels.live.readings import ReadingsModel, column_of_lengths, parse_mm
 from protocol.base.errors import RequestError
+from protocol.recording import RunEnd
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected
 from tests.boat_daq.viewmodels.helpers import PLAN
 
@@ -71,9 +72,31 @@ def test_interrupted_plateau_is_not_missing():
     model = ReadingsModel(session, UndoHistory())
     for mark in session.marks[:5]:
         session.add_reading(mark.number, 1.0, "typed")
-    assert model.summary(model.rows(session.snapshot())) == "5 of 5 plateaus read"
+    assert model.summary(session.snapshot()) == "5 of 5 plateaus read"
     session.add_reading(1, None, "typed")
-    assert model.summary(model.rows(session.snapshot())) == "4 of 5 plateaus read"
+    assert model.summary(session.snapshot()) == "4 of 5 plateaus read"
+
+
+def test_plateaus_that_are_still_to_come_are_counted():
+    """In a run of 19 plateaus "3 of 3 read" looked done, interrupted too; a cycle that is repeated adds its own."""
+    session = RecordedSession(dataclasses.replace(connected(), plan=dataclasses.replace(PLAN, cycles=1)))
+    first = plateaus(1)
+    cut = dataclasses.replace(first[3], status="aborted")
+    again = tuple(dataclasses.replace(mark, number=mark.number + 4) for mark in first)
+    again = tuple(dataclasses.replace(mark, cycle=2) if mark.cycle else mark for mark in again)
+    model = ReadingsModel(session, UndoHistory())
+    ended = {"state": SessionState.IDLE, "run_ended": RunEnding(RunEnd.FINISHED)}
+    for marks, changes, expected in (
+        (first[:4], {}, 19),
+        ((*first[:3], cut), {"state": SessionState.PAUSED}, 19),
+        ((*first[:3], cut), {"run_ended": RunEnding(RunEnd.FAULT, "the link was lost")}, 19),
+        ((*first[:3], cut, *again[:2]), {"state": SessionState.RUNNING}, 22),
+        ((*first[:3], cut, *again), ended, 22),
+        (first[:4], ended, 4),  # early, as the uncertainty was reached
+    ):
+        session.marks = marks
+        session.change(**changes)
+        assert model.summary(session.snapshot()) == f"0 of {expected} plateaus read"
 
 
 def test_last_step_needs_no_reading():
@@ -82,7 +105,7 @@ def test_last_step_needs_no_reading():
     model, n = ReadingsModel(session, UndoHistory()), len(plateaus())
     rows = model.rows(session.snapshot())
     assert len(rows) == n
-    assert model.summary(rows) == f"{n} of {n} plateaus read"
+    assert model.summary(session.snapshot()) == f"{n} of {n} plateaus read"
     assert model.paste("\n".join(["1.5"] * n)) == n
     assert [r.step_id for r in session.kept[n:]] == [mark.number for mark in plateaus()]
     with pytest.raises(RequestError, match=f"for {n} plateaus"):
@@ -153,7 +176,7 @@ def test_implausible_reading_is_named_before_it_is_entered():
     """25 mm at +30 kPa, and 2.50 mm at every plateau, used to pass in silence."""
     model, due = of_first_plateaus(3.5, 2.9)
     assert due.target_kpa == 30.0
-    assert model.warning(due.number, "25") == "+25.00 mm? Model +2.1 \u00b11.1 mm"
+    assert model.warning(due.number, "25") == "+25.00 mm? Model +2.1 \u00b10.6 mm"
     assert [model.warning(due.number, text) for text in ("2.0", "3.1", "", "-", "2..5")] == [""] * 5
     model, due = of_first_plateaus(2.5)
     assert model.warning(due.number, "2.5") == "+2.50 mm? The same as at +50 kPa"

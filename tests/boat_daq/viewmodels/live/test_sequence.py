@@ -11,10 +11,19 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from boat_daq.engine.snapshot import ElongationControl, LinkState, Phase, Progress, RunEnding, SessionState
+from boat_daq.engine.snapshot import (
+    ElongationControl,
+    HealthSnapshot,
+    LinkState,
+    Phase,
+    Progress,
+    RunEnding,
+    SessionState,
+)
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import UndoHistory
-from boat_daq.viewmodels.live.sequence import STATE_TEXTS, SequenceModel, drawing, staircase
+from boat_daq.viewmodels.live.sequence import STATE_TEXTS, SequenceModel, done_s, drawing, staircase
+from protocol.link.events import LinkStatistics
 from protocol.recording import BoardState, RunEnd, SampleFlag
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, idle
 from tests.boat_daq.viewmodels.helpers import PLAN
@@ -76,6 +85,18 @@ def test_done_part_ends_at_the_current_time():
     assert shown.done[0] == (0.0, shown.zero)
     assert shown.done[-1] == (pytest.approx(0.5), shown.zero)
     assert drawing(PLAN, 0.0, None).done == ()
+    plan = dataclasses.replace(PLAN, cycles=2)
+    edges = staircase(plan)[0][::2]  # of 37 steps; cycle 1 was interrupted at step 9, cycles 2 and 3 count
+    for state, step, steps, complete, at in (
+        (SessionState.RUNNING, 9, 37, 0, edges[8] + 0.5),
+        (SessionState.PAUSED, 9, 46, 0, 0.0),
+        (SessionState.RUNNING, 10, 46, 0, 0.5),
+        (SessionState.RUNNING, 29, 47, 1, edges[18] + 0.5),
+        (SessionState.PAUSED, 30, 49, 1, edges[19]),
+        (SessionState.FINISHING, 10, 10, 0, edges[9] + 0.5),
+    ):
+        progress = Progress(step, steps, 1, 3, complete, (1,), "unloading", Phase.RAMPING, 0.0, 0.5, 60.0, 60.0)
+        assert done_s(plan, dataclasses.replace(connected(), state=state, progress=progress)) == pytest.approx(at)
 
 
 def test_every_state_has_its_buttons(tmp_path):
@@ -130,7 +151,10 @@ def test_progress_in_a_line():
     assert text == "cycle 1 of 2   step 9 of 37   3:47 left   waiting for the reading at \u221230 kPa"
     paused = dataclasses.replace(progress, phase=Phase.VENTING)
     text = progress_text(dataclasses.replace(connected(), progress=paused, state=SessionState.PAUSED))
-    assert text == "cycle 1 of 2   step 9 of 37   3:47 left   will repeat this cycle"
+    assert text == "cycle 1 interrupted   3:47 left   will be repeated as cycle 2"  # the button: Resume at cycle 2
+    again = dataclasses.replace(progress, step=12, steps=40, cycle=2, cycles=3, incomplete_cycles=(1,))
+    text = progress_text(dataclasses.replace(connected(), progress=again))
+    assert text.startswith("cycle 2 of 3, 1 repeated   step 12 of 40")
     held = ElongationControl(1.5, 1.5, 1.493, 0.07)
     text = progress_text(dataclasses.replace(connected(), elongation=held))
     assert text == "setpoint +1.50 mm, measured +1.49 mm"
@@ -150,6 +174,8 @@ def test_pressure_of_a_lost_board_is_unknown():
     armed = {"last": {"flags": SampleFlag.WATCHDOG_ARMED}, "state": SessionState.FAULT}
     vents = "the board vents by its watchdog within 3 s"
     assert shown(link=LinkState.LOST, **armed) == ("\u25a0 Link lost, pressure unknown", vents)
+    health = HealthSnapshot(LinkStatistics(), None, None, 3.5, 0.0, None, None, None, ())
+    assert shown(link=LinkState.LOST, health=health, **armed)[1] == "the board should have vented by its watchdog"
     assert shown(link=LinkState.OPENING, **armed) == ("\u25a0 Link lost, pressure unknown", vents)  # sought again
     closed = {"link": LinkState.CLOSED, "state": SessionState.ABORTED}
     assert shown(**closed, last={"pressure_kpa": 0.4})[0].endswith("early")

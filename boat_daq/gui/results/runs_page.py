@@ -204,7 +204,8 @@ class RunsPage(QWidget):
         ask = partial(ask_open, self, self.services, "Import a table", TABLE_KINDS, self.services.open)
         self.import_ = controls.button("Import table …", ask, tip="Convert a table of another program to a recording")
         find = controls.row((self.search, 1), (where, 1), self.folder, self.import_)
-        frame, _ = controls.card(head, find, (self.list, 1), self.details)
+        self.clear = controls.button("Clear the search", self.search.clear)
+        frame, _ = controls.card(head, find, (self.list, 1), controls.row((self.details, 1), self.clear))
         return frame
 
     def _units_card(self) -> QFrame:
@@ -304,9 +305,7 @@ class RunsPage(QWidget):
 
     def _marker(self) -> None:
         run = self.selected()[0]
-        words = (
-            f"Marker in {run.path.name}: seconds from its first sample, then what happened, such as 12.5 valve opened."
-        )
+        words = f"Marker in {run.path.name}: seconds from its start, then what happened. Example: 12.5 valve opened"
         attempt = self.services.notices.attempt
         TextDialog(self, "Marker", words, "", "Add", lambda text: attempt(partial(self.model.mark, run, text)))
 
@@ -334,7 +333,8 @@ class RunsPage(QWidget):
         one = len(chosen) == 1
         self.actions_["resume"].setVisible(one and chosen[0].resumable)
         self.actions_["recover"].setVisible(any(run.recoverable for run in chosen))
-        nothing = self.search.text() and not self.list.rowCount()
+        nothing = bool(self.search.text()) and not self.list.rowCount()
+        self.clear.setVisible(nothing)
         self.details.setText("No recording matches the search." if nothing else selection_text(chosen))
         controls.allow(self.over_time, "" if self.units.selectedIndexes() else "Choose a line of the units.")
 
@@ -380,7 +380,7 @@ class RunsPage(QWidget):
         """List the recordings that match the search; those that were chosen stay chosen."""
         found = [run for run in self.model.runs if run.matches(self.search.text())]
         chosen = set(self._paths())
-        self.list.fill([run.cells for run in found], [run.tip for run in found])
+        self.list.fill([self.model.cells(run) for run in found], [run.tip for run in found])
         for row, run in enumerate(found):
             self.list.model().setData(self.list.model().index(row, 0), run, RUN_ROLE)
         wanted = [run for run in found if run.path == self.model.wanted]

@@ -16,6 +16,7 @@ from protocol.base.errors import BoatDaqError
 
 _LOOK_S = 1.0
 LITTLE_SPACE = 1e9  # bytes
+NOT_SAVING = "\u25a0 NOT SAVING"
 NOT_SAVED_MS = 3_000.0  # waiting for the disk: it is full, or gone
 RECORD, STOP = "Record", "Stop"
 
@@ -30,6 +31,12 @@ class RecordingText:
     tip: str = ""
     state: str = ""
     button: str = ""
+
+
+def saves_nothing(snapshot: SessionSnapshot) -> bool:
+    """Return whether the recording in progress is not saved now."""
+    health = snapshot.health
+    return bool(snapshot.not_saving) or (health is not None and health.lag_ms > NOT_SAVED_MS)
 
 
 class RecordingStatus:
@@ -66,9 +73,9 @@ class RecordingStatus:
         button = "" if snapshot.state in UNDER_WAY else STOP
         text = "   ".join((short, size_text(self._size), left))
         lag_ms = health.lag_ms if health is not None else 0.0
-        if snapshot.not_saving or lag_ms > NOT_SAVED_MS:
+        if saves_nothing(snapshot):
             waits = f" {duration(lag_ms / 1e3)}" if lag_ms > _LOOK_S * 1e3 else ""
-            least = "\u25a0 NOT SAVING"
+            least = NOT_SAVING
             text = least + waits
             tip = f"{sentence(snapshot.not_saving or 'the disk takes no data; they wait in memory')}\n{tip}"
             return RecordingText(text, text, least, tip, "fault", button)

@@ -22,6 +22,7 @@ from boat_daq.formatting import count, number
 from boat_daq.viewmodels.common.notices import Notices, Severity, sentence
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from protocol.base.arrays import FloatArray, IntArray
+from protocol.base.errors import RequestError
 from protocol.base.whole_file import write_whole
 
 if TYPE_CHECKING:
@@ -324,6 +325,10 @@ class OpticsModel:
         if self.running("sweep"):
             self.jobs.cancel("sweep")
             return
+        if self.blocked:
+            raise RequestError(
+                "nothing is traced under pressure", "Wait until the run has ended and the unit is vented."
+            )
         self.sweep_problem = ""
         job = Job("Sweeping 9 720 simulations", sweep, CAVITIES, rays or self.fidelity.ranking_rays)
         self.jobs.start("sweep", job, self._swept)

@@ -23,7 +23,7 @@ from protocol.recording import SUFFIX
 SENSORS_MOST = 8
 ROLES = {
     "time_s": "Time", "pressure_kpa": "Pressure", "target_kpa": "Target pressure",
-    "elongation_mm": "Displacement",
+    "elongation_mm": "Elongation",
     **{f"s{n}_mv": f"Sensor {n}" for n in range(1, SENSORS_MOST + 1)},
 }  # fmt: skip
 SIGNALS = tuple(role for role in ROLES if role.endswith("_mv"))

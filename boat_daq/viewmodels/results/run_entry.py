@@ -16,11 +16,11 @@ from protocol.base.errors import BoatDaqError, DamagedRecordingError
 from protocol.base.units import NOTHING
 from protocol.recording import RunEnd
 
-RUN_HEADINGS = ("", "Unit", "Recorded", "Length", "Cycles", "Readings", "State", "File")
+RUN_HEADINGS = ("", "Unit", "Recorded (UTC)", "Length", "Cycles", "Readings", "State", "File")
 _POINTS = 160  # of a thumbnail
 MOST_COMPARED = 4
 _STATES = {
-    "closed": "\u25cf complete", "recovered": "\u25cf recovered", "recording": "\u25b6 recording",
+    "closed": "\u25cf finished", "recovered": "\u25cf recovered", "recording": "\u25b6 recording",
     "interrupted": "\u25b2 interrupted",
 }  # fmt: skip
 CHOOSE_ONE, CHOOSE_SOME = "Choose a recording in the list.", "Choose one or more recordings in the list."

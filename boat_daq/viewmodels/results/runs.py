@@ -27,8 +27,9 @@ from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.formatting import count, number, plain_number
 from boat_daq.viewmodels.common.notices import Notice, Notices, Severity
 from boat_daq.viewmodels.common.services import Change, UndoHistory
+from boat_daq.viewmodels.live.recording_status import NOT_SAVING, saves_nothing
 from boat_daq.viewmodels.results.metadata import MetadataModel
-from boat_daq.viewmodels.results.run_entry import MOST_COMPARED, RunEntry, read_run, sort_key
+from boat_daq.viewmodels.results.run_entry import MOST_COMPARED, RUN_HEADINGS, RunEntry, read_run, sort_key
 from boat_daq.viewmodels.results.run_result import CurveBands, RunResult, compare_runs
 from boat_daq.viewmodels.results.unit_over_time import UnitOverTimeModel
 from boat_daq.workflows.calibration_in_force import record_of
@@ -74,6 +75,7 @@ class RunsModel:
         self.shown_units = STORED_UNITS  # of its reports
         self.fidelity: Fidelity = fidelity()  # of the next reports
         self.simulated = False  # whether the board in use is, or was last
+        self._unsaved: Path | None = None  # is recorded, but not saved now
         self._kinds: tuple[bool, ...] = (False, True)  # of the units that are shown
         self._scanned_at = -SCAN_INTERVAL_S
         self._known: dict[tuple[Path, int, int], RunEntry] = {}
@@ -133,11 +135,17 @@ class RunsModel:
         return next((path for path, _ in files if simulated is None or is_simulated(path) is simulated), None)
 
     def follow(self, snapshot: SessionSnapshot) -> None:
-        """Show the units of the board in use: simulated ones or real ones; both while no board is connected."""
+        """Show the units of the board in use, simulated or real ones; both without a board. Show what is not saved."""
         kinds = (snapshot.simulated,) if snapshot.link in IN_USE else (False, True)
-        if (kinds, snapshot.simulated) != (self._kinds, self.simulated):
-            self._kinds, self.simulated = kinds, snapshot.simulated
+        unsaved = snapshot.recording if saves_nothing(snapshot) else None
+        if (kinds, snapshot.simulated, unsaved) != (self._kinds, self.simulated, self._unsaved):
+            self._kinds, self.simulated, self._unsaved = kinds, snapshot.simulated, unsaved
             self.revision += 1
+
+    def cells(self, run: RunEntry) -> tuple[str, ...]:
+        """Return the line of a recording; its state as in the header where nothing of it is saved now."""
+        state = RUN_HEADINGS.index("State") if run.path == self._unsaved else -1
+        return tuple(NOT_SAVING if k == state else cell for k, cell in enumerate(run.cells))
 
     @property
     def unit_lines(self) -> list[tuple[str, ...]]:

@@ -95,7 +95,7 @@ def test_export_is_made(runs, tmp_path, qtbot):
     csv_action, *_ = page.buttons["export"].menu().actions()
     csv_action.trigger()
     save_as(window, tmp_path / "run.csv")
-    wait(window, qtbot, "export")
+    wait(window, qtbot, f"export {tmp_path / 'run.csv'}")
     assert window.strip.text.text() == "Saved run.csv."
     with (tmp_path / "run.csv").open(encoding="utf-8-sig") as file:
         rows = sum(1 for row in csv.reader(file) if row and not row[0].startswith("#"))
@@ -110,7 +110,7 @@ def test_report_is_made(runs, tmp_path, qtbot):
     forget_readings(window.model.runs.runs[0].path)
     page.buttons["report"].click()
     save_as(window, tmp_path / "run.html")
-    shown = wait(window, qtbot, "report")
+    shown = wait(window, qtbot, f"report {tmp_path / 'run.html'}")
     assert len(shown) >= 3  # the parts of the report among them
     assert shown == sorted(shown)
     assert "SIMULATED" in (tmp_path / "run.html").read_text(encoding="utf-8")
@@ -267,14 +267,14 @@ def test_narrow_list_does_not_scroll_sideways(live, qtbot):
 @pytest.mark.parametrize(
     ("status", "reason", "words"),
     [
-        ("closed", "finished", "\u25cf complete"),
+        ("closed", "finished", "\u25cf finished"),
         ("closed", "stopped", "\u25a0 stopped early"),
         ("closed", "aborted: the board is gone", "\u25b2 aborted"),
         ("recovered", "interrupted", "\u25cf recovered"),
     ],
 )
 def test_list_shows_how_each_run_ended(tmp_path, status, reason, words):
-    """A run that was stopped, or whose board was unplugged, was listed as complete."""
+    """A run that was stopped, or whose board was unplugged, was listed as finished."""
     shutil.copy(SAMPLE, tmp_path / "a.boat")
     with closing(sqlite3.connect(tmp_path / "a.boat")) as db, db:
         for key, value in (("status", status), ("stop_reason", reason)):
@@ -331,7 +331,8 @@ def test_search_lists_what_matches(runs, monkeypatch):
     QTest.keyClicks(page.search, "x")
     assert (listed(), page.selected()) == ([], [])
     assert not page.offers("open")
-    page.search.clear()
+    page.clear.click()
+    assert not page.clear.isVisible()
     assert listed() == ["first.boat", "second.boat"]
     opened: list[str] = []
     monkeypatch.setattr(QDesktopServices, "openUrl", lambda url: opened.append(url.toLocalFile()) or True)

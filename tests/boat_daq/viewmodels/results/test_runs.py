@@ -75,14 +75,17 @@ def test_offer_to_recover_leaves_once_it_is_taken_on_the_page(monkeypatch, tmp_p
 
 
 def test_file_deleted_during_a_scan_is_left_out(recording, tmp_path):
-    """A recording that is gone between listing and reading ends neither the scan nor the choice of the newest."""
+    """A recording that is gone between listing and reading ends neither scan nor choice; one not saved is marked."""
     (tmp_path / "whole.boat").symlink_to(recording)
     (tmp_path / "gone.boat").symlink_to(tmp_path / "nowhere")
     model = RunsModel(tmp_path, UnitLibrary(tmp_path), JobRunner(), Notices(), UndoHistory())
     assert model.newest() == tmp_path / "whole.boat"
     model.scan()
     until(lambda: (model.poll(), model.runs)[1])
-    assert [run.path.name for run in model.runs] == ["whole.boat"]
+    (run,) = model.runs
+    assert model.cells(run) == run.cells
+    model.follow(dataclasses.replace(connected(), recording=run.path, not_saving="the disk is full"))
+    assert "\u25a0 NOT SAVING" in model.cells(run)  # as in the header
     model.close()
 
 

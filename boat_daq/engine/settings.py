@@ -97,11 +97,14 @@ class Settings:
         "", "Operator", "Written in recordings whose metadata name no operator", applies=Applies.RECORDING
     )
     unit: str = stated(
-        "", "First unit", "Unit that the window proposes before one was used; empty: SA1", applies=Applies.START
+        "", "Proposed unit", "Unit that the window proposes before one was used; empty: SA1", applies=Applies.START
     )
-    port: str = stated("", "First port", "Port that the window proposes before one was used", applies=Applies.START)
+    port: str = stated("", "Proposed port", "Port that the window proposes before one was used", applies=Applies.START)
     profile: str = stated(
-        "", "First profile", "Text profile that the window proposes before a board was connected", applies=Applies.START
+        "",
+        "Proposed profile",
+        "Text profile that the window proposes before a board was connected",
+        applies=Applies.START,
     )
 
     def __post_init__(self) -> None:

@@ -241,6 +241,7 @@ class LinkWarning:
 
 
 LATE_MS = 500.0  # `lag_ms` above which the operator is warned
+NOT_SAVED_MS = 3_000.0  # waiting for the disk: it is full, or gone
 
 
 @dataclass(frozen=True, slots=True)
@@ -327,3 +328,8 @@ class SessionSnapshot:
     not_saving: str = ""  # why the recorder saves nothing at present; empty while it does
     unit: str = ""
     elongation: ElongationControl | None = None  # while it is controlled
+
+    @property
+    def saves_nothing(self) -> bool:
+        """Whether the recording in progress is not saved now."""
+        return bool(self.not_saving) or (self.health is not None and self.health.lag_ms > NOT_SAVED_MS)

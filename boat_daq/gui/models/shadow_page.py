@@ -24,7 +24,7 @@ ALARM_SIZE, ALARM_LINES = 16, 4
 _MARGIN = 0.1  # of the span of a figure, for the marks at its ends
 ALARM_HEADINGS = ("What", "Since", "Found", "False alarm once in", "Seen in")
 
-NO_CYCLES = "Each cycle of the run is shown here as a point; the unit needs an accepted calibration."
+NO_CYCLES = "Each cycle of the run is shown here as a point. Accept a calibration of the unit on Results first."
 _CYCLES = "One figure of each cycle of the run; a drift shows a change of the actuator."
 NOMINAL = "Model: healthy actuators of this design (band: 95 %, with hysteresis); measured: this unit, last minute"
 
@@ -38,6 +38,7 @@ class NominalCard(PlotCard):
         self.band = self.plot.band("Model, band", lambda t: t.target)
         self.nominal = self.plot.curve("Model", lambda t: t.target, pen_style=Qt.PenStyle.DashLine)
         self.trace = self.plot.curve("Measured", lambda t: t.elongation, gaps=True)
+        self.now = self.plot.points("Measured now", lambda t: t.elongation)
         self.plot.x_range(*PRESSURES_KPA)
         self.plot.y_range(-5.0, 5.0)
         self._framed = False
@@ -54,8 +55,10 @@ class NominalCard(PlotCard):
             self.band.fill(pressure, low, high)
             self.nominal.set(pressure, mm)
             self.plot.fit()
-        self.trace.set(*model.trace())
-        head = "- - model with its band   — measured, last minute"
+        kpa, measured = model.trace()
+        self.trace.set(kpa, measured)
+        self.now.set(kpa[-1:], measured[-1:])
+        head = "- - model with its band" + ("   — measured, last minute" if np.isfinite(measured).any() else "")
         known = math.isfinite(model.error_mm)  # once the mesh is prepared
         self.readout.setText(f"{head}   numerical error {1e3 * model.error_mm:.1g} \u00b5m" if known else head)
 

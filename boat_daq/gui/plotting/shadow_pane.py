@@ -110,7 +110,7 @@ class ShadowView(QWidget):
         self._tip(painter, self.picture.measured_mm, self.theme.elongation, Qt.PenStyle.SolidLine)
         painter.resetTransform()
         self._scale(painter)
-        self._legend(painter)
+        self._legend(painter, self.picture)
         painter.end()
 
     def _guides(self, painter: QPainter, picture: ShadowPicture) -> None:
@@ -129,11 +129,12 @@ class ShadowView(QWidget):
         self._pen(painter, self.theme.text, 2)
         painter.drawLine(QPointF(-29, 0), QPointF(29, 0))
 
-    def _legend(self, painter: QPainter) -> None:
-        """Name the lines and points above the scale, in two rows."""
+    def _legend(self, painter: QPainter, picture: ShadowPicture) -> None:
+        """Name the lines and points that are drawn above the scale, in two rows."""
         solid, dash, t = Qt.PenStyle.SolidLine, Qt.PenStyle.DashLine, self.theme
+        measured = (("measured", t.elongation, 3, solid),) if picture.measured_mm == picture.measured_mm else ()
         entries = (
-            ("measured", t.elongation, 3, solid), ("model", t.target, 3, dash), ("at rest", t.muted, 1, dash),
+            *measured, ("model", t.target, 3, dash), ("at rest", t.muted, 1, dash),
             ("guides", t.text, GUIDE, solid), ("points", t.text, 0, solid),
         )  # fmt: skip
         x, y = style.GAP, self.height() - style.CONTROL_HEIGHT - 2 * LEGEND_LINE + LEGEND_LINE // 2
@@ -216,7 +217,7 @@ class ShadowPane(QWidget):
         self.colour = controls.label("Colour", "muted")
         head = controls.row(self.colour, self.quantity, None, self._menu_button())
         self.rows = controls.inside(grid)
-        self.rows.setMaximumWidth(style.PANE_WIDTH_WIDE)  # a value beside its name
+        self.rows.setMaximumWidth(style.FORM_WIDTH)  # a value beside its name
         frame, _ = controls.card(head, (self.view, 1), self.rows)
         self.setLayout(controls.column(frame, margins=(0, style.GAP, 0, 0)))
         self._choose(model.quantity)

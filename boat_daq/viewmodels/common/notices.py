@@ -41,6 +41,7 @@ class Severity(IntEnum):
 DOWN = (LinkState.OPENING, LinkState.FAILED, LinkState.SILENT, LinkState.LOST)
 _ENDED = (SessionState.ABORTED, SessionState.FAULT)
 _LEVELS = {"info": Severity.INFORMATION, "warning": Severity.WARNING, "error": Severity.FAULT}
+NOT_SAVING = "\u25a0 NOT SAVING"  # of the recording in progress
 TITLES = ("\u25cf  Note", "\u25b2  Warning", "\u25a0  Fault")  # by severity
 
 

@@ -10,14 +10,12 @@ from time import monotonic
 
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.formatting import duration, size_text
-from boat_daq.viewmodels.common.notices import sentence
+from boat_daq.viewmodels.common.notices import NOT_SAVING, sentence
 from boat_daq.viewmodels.live.run_model import UNDER_WAY, RunModel
 from protocol.base.errors import BoatDaqError
 
 _LOOK_S = 1.0
 LITTLE_SPACE = 1e9  # bytes
-NOT_SAVING = "\u25a0 NOT SAVING"
-NOT_SAVED_MS = 3_000.0  # waiting for the disk: it is full, or gone
 RECORD, STOP = "Record", "Stop"
 
 
@@ -31,12 +29,6 @@ class RecordingText:
     tip: str = ""
     state: str = ""
     button: str = ""
-
-
-def saves_nothing(snapshot: SessionSnapshot) -> bool:
-    """Return whether the recording in progress is not saved now."""
-    health = snapshot.health
-    return bool(snapshot.not_saving) or (health is not None and health.lag_ms > NOT_SAVED_MS)
 
 
 class RecordingStatus:
@@ -73,7 +65,7 @@ class RecordingStatus:
         button = "" if snapshot.state in UNDER_WAY else STOP
         text = "   ".join((short, size_text(self._size), left))
         lag_ms = health.lag_ms if health is not None else 0.0
-        if saves_nothing(snapshot):
+        if snapshot.saves_nothing:
             waits = f" {duration(lag_ms / 1e3)}" if lag_ms > _LOOK_S * 1e3 else ""
             least = NOT_SAVING
             text = least + waits

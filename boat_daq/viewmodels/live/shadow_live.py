@@ -233,14 +233,13 @@ class ShadowLive:
         now = self.now()
         place, lines = self._place(now), list(_measured_lines(now, self._live.units))
         if self.model is None:
-            waits = "preparing \u2026" if math.isfinite(now.pressure) else NOTHING
-            return (*lines, ("Shadow", waits, ""))
+            return (*lines, ("Model", "preparing \u2026" if self._wanted else NOTHING, ""))
         if place is None:
             text = f"\u25b2 not drawn: outside the reduced model ({self.model.table.rectangle})"
-            return (*lines, ("Shadow", text.replace("-", MINUS), "warning"))
+            return (*lines, ("Model", text.replace("-", MINUS), "warning"))
         if math.isfinite(now.pressure) and place[0] != now.pressure:
             text = f"\u25b2 drawn at {place[0]:.1f} kPa, the model's last state"
-            return (*lines, ("Shadow", text.replace("-", MINUS), "warning"))
+            return (*lines, ("Model", text.replace("-", MINUS), "warning"))
         (nominal,), (half,) = (value.tolist() for value in self._nominal(self.model.table, np.array([place[0]])))
         lines.append(("Model", in_units(self._live.units, "mm", nominal, 2, band=half), ""))
         deviation = now.measured - nominal

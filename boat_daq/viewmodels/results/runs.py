@@ -25,9 +25,8 @@ from boat_daq.engine.recording.summary import is_simulated
 from boat_daq.engine.settings import UnitLibrary
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.formatting import count, number, plain_number
-from boat_daq.viewmodels.common.notices import Notice, Notices, Severity
+from boat_daq.viewmodels.common.notices import NOT_SAVING, Notice, Notices, Severity
 from boat_daq.viewmodels.common.services import Change, UndoHistory
-from boat_daq.viewmodels.live.recording_status import NOT_SAVING, saves_nothing
 from boat_daq.viewmodels.results.metadata import MetadataModel
 from boat_daq.viewmodels.results.run_entry import MOST_COMPARED, RUN_HEADINGS, RunEntry, read_run, sort_key
 from boat_daq.viewmodels.results.run_result import CurveBands, RunResult, compare_runs
@@ -137,7 +136,7 @@ class RunsModel:
     def follow(self, snapshot: SessionSnapshot) -> None:
         """Show the units of the board in use, simulated or real ones; both without a board. Show what is not saved."""
         kinds = (snapshot.simulated,) if snapshot.link in IN_USE else (False, True)
-        unsaved = snapshot.recording if saves_nothing(snapshot) else None
+        unsaved = snapshot.recording if snapshot.saves_nothing else None
         if (kinds, snapshot.simulated, unsaved) != (self._kinds, self.simulated, self._unsaved):
             self._kinds, self.simulated, self._unsaved = kinds, snapshot.simulated, unsaved
             self.revision += 1

@@ -139,12 +139,12 @@ def test_legend_of_the_shadow_is_in_the_picture(live, theme):
     view.resize(260, 420)
     empty = live.model.shadow.picture()
     element = np.array([[[0.0, 0.0], [5.0, 0.0], [5.0, 5.0], [0.0, 5.0]]])
+    drawn = replace(empty, corners=element, levels=np.zeros(1, np.int64))
+    always = {theme.target, theme.muted, theme.text}
     for picture, marks in (
         (empty, set()),
-        (
-            replace(empty, corners=element, levels=np.zeros(1, np.int64)),
-            {theme.elongation, theme.target, theme.muted, theme.text},
-        ),
+        (replace(drawn, measured_mm=np.nan), always),
+        (replace(drawn, measured_mm=1.0), {theme.elongation, *always}),
     ):
         view.show_picture(picture)
         image = view.grab().toImage()
@@ -152,6 +152,7 @@ def test_legend_of_the_shadow_is_in_the_picture(live, theme):
         shown = {image.pixelColor(x, y).name() for x in range(image.width()) for y in range(top, image.height())}
         assert marks <= shown
         assert bool(marks) or shown == {theme.surface}
+        assert (theme.elongation in shown) is (theme.elongation in marks)  # nothing measured, nothing named
 
 
 def test_guides_end_at_the_base_and_at_the_tip(qtbot):

@@ -75,7 +75,7 @@ def test_state_outside_the_table_is_reported(ring, model):
     pane = pane_on(ring, model, absurd)
     assert pane.picture().corners.size == 0
     name, text, level = pane.lines()[-1]
-    assert (name, level) == ("Shadow", "warning")
+    assert (name, level) == ("Model", "warning")
     assert text.startswith("\u25b2 not drawn: outside the reduced model (\u221241.5 .. 55.0 kPa")
 
 
@@ -84,7 +84,7 @@ def test_last_state_is_drawn_just_beyond_the_table(ring, model):
     pane = pane_on(ring, model, None)
     pane.now = lambda: Moment(-41.8, -2.8, 0.3, True)
     assert pane.picture().corners[..., 1].max() == pytest.approx(75.0 - 2.8, abs=0.01)
-    assert pane.lines()[-1] == ("Shadow", "\u25b2 drawn at \u221241.5 kPa, the model's last state", "warning")
+    assert pane.lines()[-1] == ("Model", "\u25b2 drawn at \u221241.5 kPa, the model's last state", "warning")
     pane.now = lambda: Moment(-43.0, -2.8, 0.3, True)
     assert pane.picture().corners.size == 0
 
@@ -129,7 +129,7 @@ def test_model_is_loaded_once_it_is_wanted_and_nothing_compiles(ring, monkeypatc
     pane.poll()
     pane.prepare()
     pane.poll()
-    assert lines_of(pane)["Shadow"] == "preparing \u2026"
+    assert lines_of(pane)["Model"] == "preparing \u2026"
     assert shadow_live._load not in loaded
     running.clear()
     pane.poll()

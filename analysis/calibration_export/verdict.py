@@ -1,6 +1,7 @@
 """The verdict of a run: what its calibration may be used for, as one value for window, report, commands and files.
 
-A calibration is usable where its U is known, no reading is to be checked, and no limit is failed. U is the largest over
+A calibration is usable where its U is known and at most a tenth of its range, no reading is to be checked, and no limit
+is failed. U is the largest over
 the range, of one reading by all sensors together, as the live display gives it. The limits are those that the user set,
 else the published ones; without a calibration they alone give the verdict.
 """
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from analysis.calibration.adequacy import CurveVerdict
+from analysis.calibration.checks import NEAR_TURN
 from analysis.calibration_export.run_record import elongation_reader
 from analysis.conformity import Conformity
 from analysis.figures.acceptance import LimitStatement, against_published, judge, out_of_tolerance, worst_conformity
@@ -23,6 +25,7 @@ from analysis.figures.figure import sensor_text
 from analysis.figures.pipeline import Analysis
 from analysis.figures.reading_check import CheckedReading
 from analysis.json_object import json_object
+from analysis.numbers import percent
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import BoatDaqError
 from protocol.base.units import COVERAGE_FACTOR, Quantity, UnitText
@@ -30,6 +33,7 @@ from protocol.base.units import COVERAGE_FACTOR, Quantity, UnitText
 _POINTS = 101
 _INSIDE = 1e-6  # of the range: its very ends round out of it
 _MOST_OF_U = 0.8  # a movement that makes nearly all of U
+_LARGEST_U = 0.1  # of the range: six standard uncertainties then are 30 % of it, the limit of a gauge (AIAG, MSA)
 _MOST_NAMED = 3  # readings to be checked; the warnings name all
 
 
@@ -40,6 +44,7 @@ class VerdictCode(StrEnum):
     TURNS = "turns"
     READINGS_TO_CHECK = "readings_to_check"
     U_NOT_KNOWN = "u_not_known"
+    LARGE_U = "large_u"
     OUT_OF_TOLERANCE = "out_of_tolerance"
     USABLE = "usable"
     LIMITS = "limits"
@@ -168,9 +173,10 @@ def verdict_of(analysis: Analysis, limits: Mapping[str, float] | None = None) ->
     )
     readings = tuple(one for one in analysis.checked if not one.confirmed)
     u_mm, range_mm, unknown, stand_in = _largest_u(analysis)
-    code, reason = _code_of(analysis, readings, unknown, missed=bool(missed))
+    large = _large_u(analysis, u_mm, range_mm)
+    code, reason = _code_of(analysis, readings, unknown, large=bool(large), missed=bool(missed))
     failed = worst_conformity(stated) is Conformity.FAIL and bool(limits)
-    doubts = _doubts(analysis, u_mm)
+    doubts = (*large, *_doubts(analysis, u_mm))
     state = VerdictState.OK if code is VerdictCode.USABLE and not (doubts or stand_in) else VerdictState.CHECK
     if failed or code in (VerdictCode.NO_CURVE, VerdictCode.TURNS):
         state = VerdictState.FAIL
@@ -180,6 +186,18 @@ def verdict_of(analysis: Analysis, limits: Mapping[str, float] | None = None) ->
     return Verdict(
         code, state, reason, u_mm, range_mm, stand_in, readings, confirmed, stated, bool(limits), missed, doubts
     )
+
+
+def _large_u(analysis: Analysis, u_mm: float, range_mm: tuple[float, float]) -> tuple[str, ...]:
+    """Return how much of its range a U is that is too large, with the turn of a curve that is near; else nothing."""
+    low, high = range_mm
+    share = u_mm / (high - low) if high > low else math.nan
+    if not share > _LARGEST_U:
+        return ()
+    turns = (t for s in analysis.sensors if s.calibration is not None for t in s.calibration.turning_points)
+    near = [t for t in turns if max(low - t, t - high) < NEAR_TURN * (high - low)]
+    why = (", a curve turns at ", Quantity(near[0], "mm", ".1f")) if near else ()
+    return (UnitText(f"U is {percent(share, 0)} of the range", *why),)
 
 
 def _doubts(analysis: Analysis, u_mm: float) -> tuple[str, ...]:
@@ -218,7 +236,7 @@ def _state_of(stated: Sequence[LimitStatement]) -> VerdictState:
 
 
 def _code_of(
-    analysis: Analysis, readings: Sequence[CheckedReading], unknown: str, *, missed: bool
+    analysis: Analysis, readings: Sequence[CheckedReading], unknown: str, *, large: bool, missed: bool
 ) -> tuple[VerdictCode, str]:
     """Return what decides the verdict and the reason; a reading that is off may be why a curve turns."""
     void = {s.calibration_void: "" for s in analysis.sensors if s.calibration is None}
@@ -235,6 +253,8 @@ def _code_of(
             return VerdictCode.TURNS, f"{name} is flat" if flat else f"the curve of {name} turns inside its range"
     if unknown:
         return VerdictCode.U_NOT_KNOWN, unknown
+    if large:
+        return VerdictCode.LARGE_U, ""
     return VerdictCode.OUT_OF_TOLERANCE if missed else VerdictCode.USABLE, ""
 
 

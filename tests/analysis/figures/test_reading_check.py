@@ -12,6 +12,8 @@ from analysis.calibration_export.run_record import elongation_reader
 from analysis.calibration_export.verdict import Verdict, VerdictCode, VerdictState, verdict_of
 from analysis.certificates.certificate import Request, certificate_of
 from analysis.figures.reading_check import judge_readings
+from analysis.reports.build import build_report
+from boat_daq.workflows.acceptance import RunVerdict
 from protocol.base.errors import DataError
 from tests.analysis.boat_builder import PAPER, Plant, Staircase
 from tests.conftest import mostly_at_night
@@ -130,3 +132,23 @@ def test_sound_run_is_usable_with_the_largest_u_over_its_range(tmp_path_factory)
     assert verdict.u_mm == pytest.approx(2.0 * ends.standard_uncertainty_mm.max(), rel=1e-4)  # at an end of the range
     assert 0.5 * least < verdict.u_mm < max(u[:, 1].max() for u in found.u_elongation)
     assert Verdict().state is VerdictState.NONE
+
+
+@pytest.mark.parametrize(("turn_mm", "code"), [(4.0, VerdictCode.LARGE_U), (3.0, VerdictCode.TURNS)])
+def test_curve_that_turns_near_an_end_is_not_usable(tmp_path, turn_mm: float, code: VerdictCode) -> None:
+    """y = -(x - turn)^2 gives y' = 0 at the turn: a green "U = 3.1 mm" of a range of 6.5 mm was accepted."""
+    parabola = (1600.0 - 5.0 * turn_mm**2, 10.0 * turn_mm, -5.0)
+    stairs = Staircase(Plant(cubics=(parabola,), noise_mv=(1.0,), loop_mm=0.2), cycles=3)
+    rows = stairs.elongations()
+    late = 0.4 * np.cos(np.arange(len(rows)))  # mm, readings taken too early or late
+    (rows.assign(elongation_mm=rows.elongation_mm + late)).to_csv(tmp_path / "e.csv", index=False)
+    found = analyse(stairs.recording(meta={"unit": "SA1"}), tmp_path / "e.csv", options=Options(mcmc=False, degree=2))
+    verdict, report = verdict_of(found), build_report([found])
+    assert verdict.code is code, (verdict, verdict.range_mm)
+    assert verdict.state is (VerdictState.FAIL if code is VerdictCode.TURNS else VerdictState.CHECK)
+    assert verdict.as_json()["code"] == RunVerdict.of(found).code == code
+    assert report.alert
+    assert verdict.headline in report.verdict
+    if code is VerdictCode.LARGE_U:
+        share = verdict.u_mm / (verdict.range_mm[1] - verdict.range_mm[0])
+        assert verdict.doubts[0].startswith(f"U is {100 * share:.0f} % of the range, a curve turns at ")

@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 
 from boat_daq.engine.toml_values import BadValue, build
 from protocol.base.errors import one_of
+from protocol.base.units import MINUS
 
 D = TypeVar("D")  # a dataclass
 
@@ -89,7 +90,7 @@ class Described:
                 raise BadValue(where, self.key, f"must be on or off, not {text!r:.40}")
             return _BOOLS[text.lower()]
         try:
-            number = float(text.replace(",", "."))
+            number = float(text.replace(",", ".").replace(MINUS, "-"))
         except ValueError:
             number = math.nan
         if not math.isfinite(number) or (isinstance(self.default, int) and number != int(number)):

@@ -27,10 +27,12 @@ from boat_daq.viewmodels.settings_model import (
     PROGRAM,
     SettingsModel,
     StoredValues,
+    in_force,
     note,
     refusal,
 )
 from protocol.base.errors import RequestError
+from protocol.base.units import MINUS
 
 _EXPLANATION = "Stored when you leave a field; its tooltip explains it."
 _LIMITS = "Plans outside these limits are refused."
@@ -61,14 +63,18 @@ class ValueRow:
             entries = [(text, str(value)) for value, text in about.choices] or ON_OFF
             self.field = controls.choice(about.label, entries, lambda _: self._enter())
         else:
-            self.field = controls.field(about.label)
+            self.field = controls.field(about.label, placeholder=in_force(about))
             self.field.editingFinished.connect(self._enter)
         self.field.setAccessibleDescription(about.meaning)
         for part in (self.label, self.field):
             part.setToolTip(controls.as_words(f"{about.meaning}.\n{note(about)}".strip()))
 
     def text(self) -> str:
-        return str(self.field.currentData()) if isinstance(self.field, QComboBox) else self.field.text()
+        """Return what is entered, as it is stored: a number has a hyphen for its minus."""
+        if isinstance(self.field, QComboBox):
+            return str(self.field.currentData())
+        text = self.field.text()
+        return text if isinstance(self.about.default, str) else text.replace(MINUS, "-")
 
     def show_text(self, text: str, *, other: bool) -> None:
         """Show what is stored, where that or the subject (`other`) has changed; what is being typed stays."""
@@ -78,7 +84,7 @@ class ValueRow:
         if isinstance(self.field, QComboBox):
             self.field.setCurrentIndex(self.field.findData(text))
         else:
-            self.field.setText(text)
+            self.field.setText(text if isinstance(self.about.default, str) else typographic(text))
         self._refuse("")
         self.reset.setVisible(self.about.value_of(text, "") != self.about.default)
 

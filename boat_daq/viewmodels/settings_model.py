@@ -32,6 +32,7 @@ from boat_daq.engine.settings import (
     load_settings,
     read_settings,
     read_unit,
+    recordings_folder,
     save_settings,
     settings_path,
     settings_text,
@@ -56,6 +57,19 @@ class StoredValues:
     texts: Mapping[str, str]
     changes: tuple[StoredChange, ...]
     calibrations: str = ""
+
+
+def in_force(about: Described) -> str:
+    """Return what an empty field of the program stands for; empty where it stands for nothing."""
+    known = {
+        "recordings": str(recordings_folder(Settings())),
+        "file_name": "YYYYMMDD-HHMMSS_unit",
+        "operator": "not stated",
+        "unit": "SA1",
+        "port": "none",
+        "profile": "none: a BOAT board",
+    }
+    return known.get(about.key, "")
 
 
 class SettingsModel:

@@ -46,15 +46,17 @@ def test_limit_of_a_unit_is_entered_and_undone(page, empty):
     assert [page.changes.item(0, k).text() for k in (1, 2)] == ["Lowest pressure", "\u221240 \u2192 \u221225"]
     empty.model.undo.undo()
     empty.refresh()
-    assert row.field.text() == "-40"
-    row.field.setText("-30")
+    assert row.field.text() == "\u221240"
+    row.field.setText("\u221230")
     row.field.editingFinished.emit()
+    assert (empty.model.units.load("SA1").min_kpa, row.field.text()) == (-30.0, "\u221230")
     row.reset.click()
     assert empty.model.units.load("SA1").min_kpa == -40.0
 
 
 def test_units_are_added_and_a_refused_one_shows_why(page, empty):
     """The other units can still be used; the refused file is not touched."""
+    assert page.forms[False].rows["recordings"].field.placeholderText().endswith("recordings")
     page.name.setText("SA7")
     page.add.click()
     empty.refresh()

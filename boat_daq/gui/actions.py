@@ -119,9 +119,9 @@ def edit(window: MainWindow) -> list[Command]:
         ),
         add("Simulate this reading", "F2", run.read_grid, run.may_read_grid, apart=True, why=lambda: NO_GRID),
         add("Read from a photograph …", "", live.open_photograph),
+        add("Paste readings", "", lambda: table().paste()),
         add("Import readings …", "", lambda: table().import_()),
         seldom("Skip this reading", run.skip_reading, live.reading_is_due, NO_READING, also="without"),
-        seldom("Paste readings", lambda: table().paste()),
         seldom("Simulate the reading at every plateau", run.toggle_read_all, also="all automatic grid elongation"),
         seldom("Show the readings", table),
     ]
@@ -154,6 +154,9 @@ def view(window: MainWindow) -> list[Command]:
         else:
             window.save_plot(chosen or visible[0], kind)
 
+    def in_theme(name: str) -> bool:
+        return window.theme.name == name
+
     save, plots, theme = partial(export_plot, "png svg csv"), live.plots, window.choose_theme
     held = "hold pause picture"
     every = "psi bar volt percent celsius fahrenheit inch"
@@ -172,9 +175,9 @@ def view(window: MainWindow) -> list[Command]:
         add("Units of the values …", "", show_units, also=every),
         seldom("Copy the plot", partial(export_plot, "copy"), also="screenshot clipboard"),
         add("Save the plot …", "Ctrl+S", save, apart=True, also="screenshot picture image export png svg csv data"),
-        add("Light", "", partial(theme, "light"), apart=True, also="day theme"),
-        add("Dark", "", partial(theme, "dark"), also="night theme"),
-        add("Full screen", "", window.toggle_full_screen),
+        add("Light", "", partial(theme, "light"), apart=True, also="day theme", checked=partial(in_theme, "light")),
+        add("Dark", "", partial(theme, "dark"), also="night theme", checked=partial(in_theme, "dark")),
+        add("Full screen", "", window.toggle_full_screen, checked=window.isFullScreen),
         seldom("Follow the system's theme", partial(theme, "system")),
         seldom("Cursor A", partial(plots.place_cursor, "a"), also="statistics measure"),
         seldom("Cursor B", partial(plots.place_cursor, "b"), also="statistics measure"),

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TypeVar
 
-from PySide6.QtCore import QEvent, QObject, Qt, QUrl
-from PySide6.QtGui import QImage, QKeyEvent, QKeySequence, QShowEvent, QTextCursor
+from PySide6.QtCore import QEvent, QObject, QPoint, QSize, Qt, QUrl
+from PySide6.QtGui import QImage, QKeyEvent, QKeySequence, QPainter, QPen, QShowEvent, QTextCursor
 from PySide6.QtWidgets import (
     QDialog,
     QGridLayout,
@@ -26,6 +26,7 @@ from boat_daq.gui.widgets import controls
 
 T = TypeVar("T")
 _PICTURE = 720  # width of a picture of the tutorial, px
+_AROUND = 5 * style.STRIP_HEIGHT  # header with the readouts above the tutorial, and the strip below it
 SHEET = (("Session", "Edit"), ("Run", "View", "Results"), (PAGES, "Help"))  # the menus in columns
 SCATTERED = 3  # score of letters that are only in their order
 ARROWS = (Qt.Key.Key_Down, Qt.Key.Key_Up)
@@ -204,7 +205,10 @@ class Tutorial(QDialog):
             QTextCursor(block).setBlockFormat(space)
             block = block.next()
         self.setLayout(controls.column(self.shown))
-        self.resize(_PICTURE + 2 * style.STRIP_HEIGHT, max(parent.height() - 2 * style.STRIP_HEIGHT, _PICTURE))
+        size = QSize(_PICTURE + 2 * style.STRIP_HEIGHT, parent.height() - _AROUND)
+        self.resize(size)
+        above_strip = QPoint((parent.width() - size.width()) // 2, parent.height() - style.STRIP_HEIGHT - size.height())
+        self.move(parent.mapToGlobal(above_strip))
 
 
 class _Pages(QTextBrowser):
@@ -221,5 +225,9 @@ class _Pages(QTextBrowser):
             return super().loadResource(kind, name)
         ratio = self.devicePixelRatioF()
         picture = picture.scaledToWidth(round(ratio * _PICTURE), Qt.TransformationMode.SmoothTransformation)
+        painter = QPainter(picture)
+        painter.setPen(QPen(self.palette().placeholderText(), 2 * style.STEP))  # half of it is seen
+        painter.drawRect(picture.rect())
+        painter.end()
         picture.setDevicePixelRatio(ratio)
         return picture

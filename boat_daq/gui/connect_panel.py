@@ -5,16 +5,17 @@ from __future__ import annotations
 from PySide6.QtCore import Qt
 from PySide6.QtWidgets import QComboBox, QDialog, QPlainTextEdit, QWidget
 
-from boat_daq.engine.snapshot import SessionSnapshot
+from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.viewmodels.common.notices import Notice
 from boat_daq.viewmodels.common.services import Services
-from boat_daq.viewmodels.live.connection import VIRTUAL_SENSORS, VIRTUAL_UNITS, ConnectionModel
+from boat_daq.viewmodels.live.connection import VIRTUAL_SENSORS, VIRTUAL_UNITS, ConnectionModel, link_text
 
 _SPEEDS = [("real time", 1.0), ("5 times faster", 5.0), ("20 times faster", 20.0)]
 _SENSORS = [(f"{n} sensor{'s' * (n != '1')}", ending) for n, ending in VIRTUAL_SENSORS.items()]
+IDENTITY = "Known boards are found automatically. Choose the port of a new one."
 PROFILE_HINT = "Empty for a BOAT board; else an RX8 line of Bridge Control Panel, a TOML profile, or its path"
 
 
@@ -42,7 +43,7 @@ class ConnectPanel(QDialog):
         self.setLayout(controls.column(self._board(), self._virtual(), spacing=style.CARD_PADDING))
 
     def _board(self) -> QWidget:
-        identity = "Known boards are found automatically. Choose the port of a new one."
+        self.identity = controls.label(IDENTITY, "muted", wrap=True)
         self.none = controls.label("\u25b2 No port found. Plug in the board, then rescan.", "muted", wrap=True)
         self.connect_button = controls.button("Connect", self.connect_board, "primary")
         self.disconnect_button = controls.button(
@@ -66,7 +67,7 @@ class ConnectPanel(QDialog):
         grid.setColumnStretch(1, 1)
         return controls.card(
             controls.label("Board", "subtitle"),
-            controls.label(identity, "muted", wrap=True),
+            self.identity,
             self.none,
             grid,
             self.refused,
@@ -125,7 +126,10 @@ class ConnectPanel(QDialog):
         self.resize(width, self.heightForWidth(width))
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
-        """Show the boards that have answered, and whether there is a link to close."""
+        """Show the boards that have answered, which one was lost, and whether there is a link to close."""
+        lost = snapshot.link is LinkState.LOST
+        gone = f"\u25b2 {link_text(snapshot).who} was disconnected. It connects again once it is found."
+        controls.set_text(self.identity, gone if lost else IDENTITY)
         controls.allow(self.disconnect_button, "" if snapshot.port is not None else "Nothing is connected.")
         if self.isVisible() and self.connection.take_answers():
             self.list_ports()

@@ -32,6 +32,7 @@ PLACED = (QEvent.Type.Move, QEvent.Type.Resize, QEvent.Type.Expose)  # of a wind
 POINTED = (QEvent.Type.MouseButtonPress, QEvent.Type.TouchBegin)
 MENUS = {name.replace("&", ""): name for name in ("&Session", "&Edit", "&View", "&Run", "Res&ults", "&Help")}
 PAGES = "Pages"  # the commands that show one: they have keys, but no menu
+CHECK = "   \u2713"  # behind what is chosen now
 SELDOM = ""  # in place of a menu: the palette alone finds the command
 
 
@@ -51,6 +52,7 @@ class Command:
     apart : whether a separator precedes it in its menu.
     why : why it cannot run now; shown on hover, and as a notice when its key is pressed.
     also : other words by which the palette finds it.
+    checked : whether it is what is chosen now, which its menu marks.
     """
 
     menu: str
@@ -61,6 +63,7 @@ class Command:
     apart: bool = False
     why: Callable[[], str] = lambda: ""
     also: str = ""
+    checked: Callable[[], bool] = lambda: False
 
 
 class Registry:
@@ -82,6 +85,7 @@ class Registry:
         keys = QKeySequence(command.shortcut)
         shown = keys.toString(QKeySequence.SequenceFormat.NativeText)
         action = QAction("\t".join(filter(None, (command.text, shown))), self._window)
+        action.setData(action.text())
         action.triggered.connect(lambda *_: self._chosen(command))
         menu = self._menus.get(command.menu)
         if menu is not None:
@@ -120,6 +124,7 @@ class Registry:
         for command, action in self.actions.items():
             able = command.available()
             action.setEnabled(able)
+            action.setText(f"{action.data()}{CHECK if command.checked() else ''}")
             action.setToolTip("" if able else as_words(command.why()))
 
 

@@ -62,8 +62,8 @@ class StoredValues:
 def in_force(about: Described) -> str:
     """Return what an empty field of the program stands for; empty where it stands for nothing."""
     known = {
-        "recordings": str(recordings_folder(Settings())),
-        "file_name": "YYYYMMDD-HHMMSS_unit",
+        "recordings": str(recordings_folder(Settings())).replace(str(Path.home()), "~"),
+        "file_name": "date-time_unit",
         "operator": "not stated",
         "unit": "SA1",
         "port": "none",

@@ -51,7 +51,7 @@ class UnitsPanel(QDialog):
         for quantity, box in self.units.items():
             box.setCurrentIndex(box.findData(getattr(units, quantity)))
         self.length.setText(f"{units.rest_length_mm:g}")
-        self.length.setEnabled(units.length == "%")
+        controls.allow(self.length, "" if units.length == "%" else "Only where the elongation is shown in %.")
 
     def _use(self, units: ShownUnits) -> None:
         self.choice.choose(units)

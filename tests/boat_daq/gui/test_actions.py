@@ -118,6 +118,10 @@ def test_no_two_commands_share_keys_and_few_have_some(live):
     assert [key for key, n in Counter(keys).items() if n > 1] == []
     entries = [action for menu in live.menuBar().actions() for action in menu.menu().actions() if action.text()]
     assert (len(keys) <= 25, len(entries) <= 46) == (True, True), (len(keys), len(entries))
+    for name in ("dark", "light"):
+        live.choose_theme(name)
+        live.commands.refresh()
+        assert [a.text().split()[0].lower() for a in live.commands.actions.values() if "\u2713" in a.text()] == [name]
 
 
 def test_metadata_are_stated_of_the_recording_in_progress(live, tmp_path):

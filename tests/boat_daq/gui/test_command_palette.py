@@ -16,6 +16,7 @@ from PySide6.QtWidgets import (
 from boat_daq.engine.snapshot import (
     SessionState,
 )
+from boat_daq.gui import style
 from boat_daq.gui.command_palette import Tutorial
 from tests.boat_daq.gui.windows import NARROW, run_shortcut
 from tests.conftest import mostly_at_night
@@ -86,6 +87,10 @@ def test_the_tutorial_is_shown_with_its_pictures(live):
     assert len(names) == 7
     assert {shown.document().resource(kind, QUrl(name)).width() for name in names} == {720}
     assert "href" not in shown.toHtml()
+    placed = live.findChild(Tutorial).geometry()
+    lowest = live.mapToGlobal(live.rect().bottomLeft()).y() - style.STRIP_HEIGHT
+    assert placed.bottom() <= lowest  # neither strip nor readouts are covered
+    assert placed.top() >= live.mapToGlobal(live.rect().topLeft()).y() + 3 * style.STRIP_HEIGHT
     assert shown.horizontalScrollBar().maximum() == 0
     live.findChild(Tutorial).close()
 

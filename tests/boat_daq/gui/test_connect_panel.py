@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QGuiApplication
 from PySide6.QtTest import QTest
@@ -9,6 +11,7 @@ from PySide6.QtWidgets import (
     QApplication,
 )
 
+from boat_daq.engine.snapshot import LinkState
 from boat_daq.viewmodels.common.services import Panel
 from tests.boat_daq.gui.windows import PATIENCE_MS
 
@@ -73,6 +76,11 @@ def test_profile_field_keeps_its_height(live):
     live.connect_panel.none.setVisible(True)
     QApplication.processEvents()
     assert live.connect_panel.profile.height() >= 3 * live.connect_panel.profile.fontMetrics().lineSpacing()
+    snapshot = live.model.snapshot
+    live.connect_panel.refresh(replace(snapshot, link=LinkState.LOST, port="/dev/ttyACM7"))
+    assert "/dev/ttyACM7 was disconnected" in live.connect_panel.identity.text()
+    live.connect_panel.refresh(snapshot)
+    assert "new one" in live.connect_panel.identity.text()
     live.connect_panel.close()
 
 

@@ -76,7 +76,7 @@ def test_units_are_added_and_a_refused_one_shows_why(page, empty):
     enter(page, "min_kpa", "nothing")
     page.list.setCurrentRow(1)  # what was refused for one unit is not shown for another
     row = page.forms[True].rows["min_kpa"]
-    assert (page.title.text(), row.field.text(), row.refused.text()) == ("Unit SA1", "-40", "")
+    assert (page.title.text(), row.field.text(), row.refused.text()) == ("Unit SA1", "\u221240", "")
     file.write_text("name = 3\n")
     page.list.setCurrentRow(0)
     assert page.broken.isHidden()

@@ -11,7 +11,13 @@ from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.viewmodels.common.notices import Notice
 from boat_daq.viewmodels.common.services import Services
-from boat_daq.viewmodels.live.connection import VIRTUAL_SENSORS, VIRTUAL_UNITS, ConnectionModel, link_text
+from boat_daq.viewmodels.live.connection import (
+    ENDED,
+    VIRTUAL_SENSORS,
+    VIRTUAL_UNITS,
+    ConnectionModel,
+    link_text,
+)
 
 _SPEEDS = [("real time", 1.0), ("5 times faster", 5.0), ("20 times faster", 20.0)]
 _SENSORS = [(f"{n} sensor{'s' * (n != '1')}", ending) for n, ending in VIRTUAL_SENSORS.items()]
@@ -30,7 +36,8 @@ class ConnectPanel(QDialog):
         self.port.setEditable(True)
         self.port.setAccessibleName("Port")
         hint = "a port, or socket://HOST:PORT"
-        self.port.setLineEdit(controls.field("Port", on_enter=self.connect_board, placeholder=hint))
+        self.address = controls.field("Port", on_enter=self.connect_board, placeholder=hint)
+        self.port.setLineEdit(self.address)
         self.port.activated.connect(lambda _: self._propose_unit())
         self.unit = controls.field("Unit connected to the board", connection.bench_unit, width=3 * style.CONTROL_HEIGHT)
         last = str(services.preferences.get("profile", ""))  # empty for a board that speaks the BOAT protocol
@@ -106,7 +113,10 @@ class ConnectPanel(QDialog):
             self.port.addItem(text, port)
         self.none.setVisible(not ports)
         self._fit()
-        self.port.setEditText(next((text for text, port in ports if port == chosen), typed))
+        listed = next((text for text, port in ports if port == chosen), "")
+        self.port.setEditText(listed or typed)
+        if listed:
+            self.address.setCursorPosition(0)  # else its begin, the port, is cut where it is long
 
     def _chosen(self) -> str:
         """Return the port that is selected, or what was typed."""
@@ -130,7 +140,8 @@ class ConnectPanel(QDialog):
         lost = snapshot.link is LinkState.LOST
         gone = f"\u25b2 {link_text(snapshot).who} was disconnected. It connects again once it is found."
         controls.set_text(self.identity, gone if lost else IDENTITY)
-        controls.allow(self.disconnect_button, "" if snapshot.port is not None else "Nothing is connected.")
+        connected = snapshot.link not in ENDED or self.connection.starting
+        controls.allow(self.disconnect_button, "" if connected else "Nothing is connected.")
         if self.isVisible() and self.connection.take_answers():
             self.list_ports()
 

@@ -430,7 +430,7 @@ class RecordingBadge:
         self.badge.setAccessibleName(f"Recording: {found.text or 'none'}")
         self.badge.setVisible(bool(found.text))
         controls.set_text(self.button, found.button)
-        self.button.setToolTip(controls.as_words(f"{found.button} ({_KEY})" if found.text else f"{found.tip} ({_KEY})"))
+        self.button.setToolTip(controls.as_words(f"{'Stop recording' if found.text else found.tip} ({_KEY})"))
         self.button.setAccessibleName("Stop recording" if found.text else "Record")
         self.button.setVisible(bool(found.button))
 

@@ -20,13 +20,13 @@ from boat_daq.viewmodels.common.open_windows import OpenWindows
 from boat_daq.viewmodels.common.preferences import Precision, Preferences, UnitChoice
 from boat_daq.viewmodels.common.services import Page, Panel, Place, Services, Tab, UndoHistory
 from boat_daq.viewmodels.live.camera import CameraModel
-from boat_daq.viewmodels.live.connection import ENDED, ConnectionModel
+from boat_daq.viewmodels.live.connection import ConnectionModel
 from boat_daq.viewmodels.live.layout import Layouts
 from boat_daq.viewmodels.live.live_model import LiveModel, OverlayModel
 from boat_daq.viewmodels.live.outlets import OutletsModel
 from boat_daq.viewmodels.live.readings import ReadingsModel
 from boat_daq.viewmodels.live.run_model import CalibrationOffer, ResumeRun, RunModel
-from boat_daq.viewmodels.live.sequence import SequenceModel
+from boat_daq.viewmodels.live.sequence import SequenceModel, why_no_command
 from boat_daq.viewmodels.live.shadow_live import ShadowLive, ShadowMonitor
 from boat_daq.viewmodels.live.unit_in_use import DisagreementWatch, UnitInUse
 from boat_daq.viewmodels.models.optics import OpticsModel
@@ -183,9 +183,7 @@ class AppModel:
 
     def why_not(self) -> str:
         """Return why no board can be recorded or commanded."""
-        if self.snapshot.why_read_only:
-            return f"This link is read only: {self.snapshot.why_read_only}."
-        return "Connect a board first." if self.snapshot.link in ENDED else "No data arrive from the board."
+        return why_no_command(self.snapshot)
 
     def title(self) -> str:
         """Return the window's title; it shows a simulated board too."""

@@ -146,9 +146,10 @@ def fold_columns(points: Columns2D, column_s: float) -> Columns2D:
 
 def _in_order(lowest: Columns2D, highest: Columns2D) -> Columns2D:
     """Return extremes of stretches as points in the order of time: where values fall, the maximum comes first."""
-    before = np.concatenate([lowest[:, :1], lowest[:, :-1]], axis=1)
-    after = np.concatenate([highest[:, 1:], highest[:, -1:]], axis=1)
-    falls = after < before
+    falls = np.zeros(lowest.shape, dtype=bool)
+    if lowest.shape[1] > 3:
+        falls[:, 1:-1] = highest[:, 2:] < lowest[:, :-2]
+        falls[:, 0], falls[:, -2:] = falls[:, 1], falls[:, -3:-2]  # the newest may still change
     pairs = [np.where(falls, highest, lowest), np.where(falls, lowest, highest)]
     return np.stack(pairs, axis=2).reshape(len(lowest), -1)
 

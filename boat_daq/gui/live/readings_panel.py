@@ -411,15 +411,16 @@ class ReadingsTable(QWidget):
 class ReadingsTab(QWidget):
     """The readings with their source: typed, from a photograph, or by a camera."""
 
-    def __init__(self, table: ReadingsTable, camera: CameraPanel, services: Services) -> None:
+    def __init__(self, run: RunModel, table: ReadingsTable, camera: CameraPanel, services: Services) -> None:
         super().__init__()
-        self.table, self.camera, self.services = table, camera, services
+        self.run, self.table, self.camera, self.services = run, table, camera, services
         self.choice = controls.choice("Source of the readings", WAYS, self.choose, tip=WAYS_TIP)
         show = partial(services.show, Panel.PHOTOGRAPH)
         self.photograph = controls.button("Open a photograph \u2026", show, tip="Clicks on the grid give the reading")
         head = controls.row(controls.label("Source", "muted"), self.choice, None)
         parts = (head, self.photograph, (camera, 3), (table, 2))
-        self.setLayout(controls.column(*parts, spacing=style.GAP, margins=(0, style.GAP, 0, 0)))
+        self.parts = controls.column(*parts, spacing=style.GAP, margins=(0, style.GAP, 0, 0))
+        self.setLayout(self.parts)
         self.choose(services.preferences.get("reading_source", BY_HAND))
 
     def choose(self, source: str) -> None:
@@ -431,5 +432,11 @@ class ReadingsTab(QWidget):
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         self.table.refresh(snapshot)
+        sequence = self.run.sequence
+        at_rest = "Arm, then start." if "arm" in sequence.allowed(snapshot) else sequence.why_not_set(snapshot)
+        following = "Press Start." if snapshot.state is SessionState.ARMED else at_rest
+        controls.set_text(self.table.empty, f"Each plateau is listed here. {following}")
+        stretch = 3 if self.camera.picture.isVisible() else 0  # without its picture the table has the height
+        self.parts.setStretchFactor(self.camera, stretch)
         if self.camera.isVisible():
             self.camera.refresh(snapshot)

@@ -236,7 +236,9 @@ class SequencePanel(QFrame):
         held = bool(holding_text(snapshot))  # vent or set another pressure first; arming is possible
         controls.set_state(arm, "" if first_cycle or offered or held else "primary", "role")
         controls.set_state(self.calibrate, "" if self.resume.isVisible() else "primary", "role")
-        arm.setToolTip(tip)
+        obstacle = self.run.sequence.why_not_arm(snapshot)
+        controls.allow(arm, obstacle)
+        arm.setToolTip(obstacle or tip)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
         model = self.run.sequence
@@ -288,8 +290,8 @@ class PlanForm(QScrollArea):
         plan, _ = controls.card(
             controls.row(controls.label("Plan", "subtitle"), (self.choice, 1)),
             _form((entry.label, self.fields[entry.key], entry.unit) for entry in shown),
-            self.ask_readings,
             self.refused,
+            self.ask_readings,
             controls.row((self.estimate, 1), self.edit),
             self.more,
         )
@@ -407,6 +409,7 @@ class PlanForm(QScrollArea):
         controls.set_text(self.refused, list(refused.values())[-1] if refused else "")
         controls.set_state(self.refused, "warning" if refused else "")
         self.refused.setVisible(bool(refused))
+        self.estimate.setVisible(not refused)
 
     def open(self) -> None:
         ask_open(self, self.services, "Open a plan", "toml", self.load)
@@ -433,13 +436,13 @@ class PlanForm(QScrollArea):
         for field in (*self.fields.values(), self.choice, self.ask_readings, self.asked):
             field.setEnabled(idle)
         self.asked.setEnabled(idle and bool(self.end_at.unit))
+        why = model.why_not_set(snapshot)
         for button in (self.set_button, self.elongation_button):
-            button.setEnabled("arm" in model.allowed(snapshot))
+            controls.allow(button, why)
         self.hold.setEnabled(snapshot.elongation is None)
-        free = "Connect a board first." if snapshot.limits is None else "Not controlled"
-        controls.set_text(self.elongation, elongation_text(snapshot, model.units) or free)
+        controls.set_text(self.elongation, elongation_text(snapshot, model.units) or why or "Not controlled")
         limits, whose = limits_text(snapshot.limits, model.units)
-        controls.set_text(self.limits, limits or "Connect a board first.")
+        controls.set_text(self.limits, "\n".join(filter(None, (limits, why))))
         self.limits.setToolTip(whose)
         revision = (model.revision, self.end_at.revision, model.units, plan, model.waits_in_force(snapshot))
         if revision == self._revision:

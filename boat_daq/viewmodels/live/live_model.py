@@ -403,7 +403,7 @@ class LiveModel:
         if found.disagree[0]:  # the band does not hold then
             return elongation, "\u25b2 disagree", "\u25b2 differ"
         if found.beyond is not None and found.beyond[0]:
-            return elongation, f"{band} (end)", "\u25b2 end"
+            return elongation, f"{band} range end", "\u25b2 end"
         if found.stand_in:
             return elongation, f"{band} stated", "\u25b2 stated"
         return elongation, f"{band} (k = 2)", band

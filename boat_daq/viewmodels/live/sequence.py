@@ -25,6 +25,7 @@ from boat_daq.engine.toml_values import BadValue, read_text
 from boat_daq.formatting import as_shown, count, duration, in_units, stored_number, target
 from boat_daq.viewmodels.common.preferences import Preferences
 from boat_daq.viewmodels.common.services import Change, UndoHistory
+from boat_daq.viewmodels.live.connection import ENDED
 from protocol.base.arrays import FloatArray
 from protocol.base.errors import BoatDaqError, RequestError
 from protocol.base.units import MINUS, STORED_UNITS, ShownUnits, as_text
@@ -211,6 +212,8 @@ class SequenceModel:
 
     def lines(self, snapshot: SessionSnapshot) -> list[str]:
         """Return name, plateaus and time of the plan that is drawn, then shorter texts."""
+        if self.refused and snapshot.state not in HELD:
+            return ["the plan has an invalid entry"]
         plan, whole = self.in_force(snapshot), self.estimate(snapshot)
         short = self._estimate(plan, waits=self.waits_in_force(snapshot), short=True)
         return [f"{plan.name}: {whole}", whole, short]
@@ -261,9 +264,9 @@ class SequenceModel:
         try:
             value = getattr(self.plan, key) if shown else stored_number(text, self.units, entry.unit or "1")
         except ValueError:
-            return self._refuse(key, f"{entry.label}: {text!r} is not a number")
+            return self._refuse(key, f"{entry.label}: {text!r} is not a number, such as {self.value(key)}")
         if key in _WHOLE and value != int(value):
-            return self._refuse(key, f"{entry.label}: a whole number is required")
+            return self._refuse(key, f"{entry.label}: a whole number is required, such as {self.value(key)}")
         self.refused.pop(key, None)
         self._typed.pop(key, None)
         if value == getattr(self.plan, key):
@@ -311,6 +314,22 @@ class SequenceModel:
     def needs_readings(self, snapshot: SessionSnapshot) -> bool:
         return self._needs_readings and snapshot.state in (SessionState.RUNNING, SessionState.PAUSED)
 
+    def why_not_arm(self, snapshot: SessionSnapshot) -> str:
+        """Return why the shown plan cannot be armed; empty where it can."""
+        if snapshot.not_saving:
+            return "Nothing is saved at present: see the message."
+        return "Correct the marked fields of the plan first." if self.refused else ""
+
+    def why_not_set(self, snapshot: SessionSnapshot) -> str:
+        """Return why no pressure and no elongation can be set by hand; empty where they can."""
+        if not snapshot.can_command:
+            return why_no_command(snapshot)
+        if snapshot.state is SessionState.FAULT:
+            return "Clear the fault first."
+        if snapshot.state is SessionState.ARMED:
+            return "Disarm the plan first."
+        return "" if "arm" in self.allowed(snapshot) else "Not during a run."
+
     def press(self, button: str) -> None:
         s = self.session
         actions: dict[str, Callable[[], object]] = {
@@ -354,6 +373,13 @@ class SequenceModel:
             raise RequestError(f"{text!r} {self.unit('mm')} is not a number", "Type a number, such as 1.5.") from None
         controlled = self.session.snapshot().elongation is not None
         self.session.control_elongation(mm, None if controlled else self._regulator(), hold=self.hold)
+
+
+def why_no_command(snapshot: SessionSnapshot) -> str:
+    """Return why no board can be recorded or commanded."""
+    if snapshot.why_read_only:
+        return f"This link is read only: {snapshot.why_read_only}."
+    return "Connect a board first." if snapshot.link in ENDED else "No data arrive from the board."
 
 
 def elongation_text(snapshot: SessionSnapshot, units: ShownUnits = STORED_UNITS) -> str:

@@ -17,6 +17,9 @@ def test_invalid_plan_is_marked_and_not_armed(live):
     plan.fields["step_kpa"].setText("20")
     plan.fields["step_kpa"].editingFinished.emit()
     assert plan.refused.text() == "Step must divide the span of 90 kPa evenly."
+    run_line, arm = live.live.sequence.progress, live.live.sequence.buttons["arm"]
+    assert (run_line.text(), arm.isEnabled()) == ("the plan has an invalid entry", False)
+    assert "marked" in arm.toolTip()
     live.model.run.press("arm")
     assert live.model.session.calls == []
     assert "Step must divide" in live.model.notices.current().cause

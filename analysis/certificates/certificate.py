@@ -189,6 +189,11 @@ class Certificate:
     items: tuple[CalibratedItem, ...]
 
     @property
+    def scope(self) -> str:
+        """What it relates to, and how it is copied (ISO/IEC 17025, 7.8.2.1); empty for a simulated run."""
+        return "" if self.simulated else f"{RELATES} {WHOLE}"
+
+    @property
     def title(self) -> str:
         return "Calibration of a simulated unit" if self.simulated else "Calibration certificate"
 

@@ -23,11 +23,9 @@ from analysis.certificates.certificate import (
     NO_CERTIFICATE,
     NOT_ADEQUATE,
     NOT_STATED,
-    RELATES,
     SIMULATED,
     UNCERTAINTY,
     UNKNOWN_COUNTRY,
-    WHOLE,
     CalibratedItem,
     CalibratedSensor,
     Certificate,
@@ -189,7 +187,8 @@ def _statements(parent: ET.Element, certificate: Certificate) -> None:
     for mark in certificate.marks:
         if mark == NOT_ADEQUATE:
             _statement(parent, "A calibration function misses its readings by more than they allow.", name=mark)
-    _statement(parent, f"{RELATES} {WHOLE}", norm="ISO/IEC 17025:2017", reference="7.8.2.1")
+    if certificate.scope:
+        _statement(parent, certificate.scope, norm="ISO/IEC 17025:2017", reference="7.8.2.1")
     _statement(parent, ADJUSTMENT, norm="ISO/IEC 17025:2017", reference="7.8.4.1")
     for item in certificate.items:
         traced = item.traceability

@@ -23,7 +23,6 @@ from analysis.certificates.certificate import (
     RELATES,
     SIMULATED,
     UNCERTAINTY,
-    WHOLE,
     CalibratedItem,
     CalibratedSensor,
     Certificate,
@@ -77,9 +76,13 @@ def certificate_document(certificate: Certificate) -> Report:
     xml = Attachment("dcc.xml", dcc_xml(certificate), MIME_TYPE, "Digital Calibration Certificate 3.2.1")
     return in_units(Report(
         certificate.title, f"No. {certificate.number}", certificate.simulated, _verdict(certificate),
-        _facts(certificate), tuple(sections), f"No. {certificate.number}   {RELATES}", certificate.issued,
+        _facts(certificate), tuple(sections), _foot(certificate), certificate.issued,
         certificate.marks, certificate.laboratory.name, (xml,),
     ), STORED_UNITS.of_signals_in(items[0].signal_unit))  # fmt: skip
+
+
+def _foot(certificate: Certificate) -> str:
+    return f"No. {certificate.number}{'' if certificate.simulated else f'   {RELATES}'}"
 
 
 def _verdict(certificate: Certificate) -> str:
@@ -122,7 +125,8 @@ def _conditions(item: CalibratedItem, of: str) -> Section:
 def _statement(certificate: Certificate) -> Section:
     procedure = certificate.laboratory.procedure
     named = (f"Procedure: {procedure}.",) if procedure else ()
-    return Section("Method and uncertainty", (*named, METHOD, UNCERTAINTY, f"{RELATES} {WHOLE}"))
+    scope = (certificate.scope,) if certificate.scope else ()
+    return Section("Method and uncertainty", (*named, METHOD, UNCERTAINTY, *scope))
 
 
 def _results(sensor: CalibratedSensor) -> tuple[SectionPart, ...]:

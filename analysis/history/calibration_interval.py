@@ -50,7 +50,7 @@ class CalibrationInterval:
     def sentence(self) -> str:
         """The proposal as a sentence without its end."""
         if self.void:
-            return f"no interval is proposed: {self.void}"
+            return f"no recalibration interval is proposed: {self.void}"
         drift = f"drift {with_uncertainty(self.drift_mm_per_year, COVERAGE_FACTOR * self.drift_u)} mm a year"
         cut = ", twice the time that the calibrations cover" if self.extrapolated else ""
         days = f"{self.days:.0f} days" if self.days >= 1 else "less than a day"

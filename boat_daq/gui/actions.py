@@ -233,6 +233,9 @@ def results(window: MainWindow) -> list[Command]:
         obstacle = model.obstacle()
         return str(obstacle) if obstacle else "It is accepted already." if model.accepted else "Go to Results first."
 
+    def last_run() -> bool:
+        return not model.no_last_run()
+
     def has_report() -> bool:
         return app_model.analysed_path(window.place) is not None
 
@@ -253,7 +256,14 @@ def results(window: MainWindow) -> list[Command]:
 
     return [
         add("Open a file …", "Ctrl+O", open_file, also=kinds),
-        add("Analyse the last run", "", on_page(model.analyse_current), also="calibrate fit"),
+        add(
+            "Analyse the last run",
+            "",
+            on_page(model.analyse_current),
+            last_run,
+            why=model.no_last_run,
+            also="calibrate fit",
+        ),
         add("Accept the calibration", "Ctrl+Return", model.request_acceptance, acceptable, why=not_acceptable),
         add(
             "Report of the run shown …",

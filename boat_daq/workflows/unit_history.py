@@ -6,6 +6,7 @@ that was withdrawn is left out, one that is in force again counts once.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from analysis.history.unit_history import DatedCalibration, UnitHistory
 
 _CURVE_POINTS = 41
+_TIMES = ((2.0 / 24.0, 1440.0, "min"), (2.0, 24.0, "h"), (math.inf, 1.0, "d"))  # longest in days, units in a day
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +38,13 @@ class UnitOverTime:
     @property
     def signal_unit(self) -> str:
         return self.histories[0].signal_unit if self.histories else "mV"
+
+    def times(self) -> tuple[list[FloatArray], str]:
+        """Return the time of each calibration of each sensor since its first one, and its unit: min, h or d."""
+        days = [self.days(sensor) for sensor in range(len(self.histories))]
+        longest = max(float(each[-1]) for each in days)
+        size, unit = next((size, unit) for most, size, unit in _TIMES if longest <= most)
+        return [size * each for each in days], unit
 
     def days(self, sensor: int) -> FloatArray:
         """Return the time of each calibration of a sensor since its first one, days."""

@@ -8,7 +8,7 @@ import numpy as np
 from PySide6.QtCore import Qt, QTimerEvent
 from PySide6.QtWidgets import QWidget
 
-from boat_daq.engine.snapshot import SessionSnapshot
+from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.plotting.shadow_pane import ShadowPane
@@ -24,7 +24,9 @@ ALARM_SIZE, ALARM_LINES = 16, 4
 _MARGIN = 0.1  # of the span of a figure, for the marks at its ends
 ALARM_HEADINGS = ("What", "Since", "Found", "False alarm once in", "Seen in")
 
-NO_CYCLES = "Each cycle of the run is shown here as a point. Accept a calibration of the unit on Results first."
+_POINTS = "Each cycle of the run is shown here as a point"
+NO_CYCLES = f"{_POINTS}, once it is complete."
+NOT_CALIBRATED = f"{_POINTS}. Accept a calibration of the unit on Results first."
 _CYCLES = "One figure of each cycle of the run; a drift shows a change of the actuator."
 NOMINAL = "Model: healthy actuators of this design (band: 95 %, with hysteresis); measured: this unit, last minute"
 
@@ -66,7 +68,7 @@ class NominalCard(PlotCard):
 class CyclesCard(PlotCard):
     def __init__(self, monitor: ShadowMonitor) -> None:
         super().__init__("Cycle by cycle", _CYCLES)
-        self.monitor = monitor
+        self.monitor, self.calibrated = monitor, True
         figures = [(s.title, name) for name, s in SERIES.items()]
         self.figure = controls.choice("Figure of each cycle", figures, lambda _: self.show_cycles())
         self.bar.insertWidget(1, self.figure)
@@ -86,7 +88,7 @@ class CyclesCard(PlotCard):
         self.alarms.set(x[alarmed], y[alarmed])
         self.plot.set_title(SERIES[name].axis, SERIES[name].unit)
         self.readout.setText("\u25b3 alarm" if alarmed.any() else "")
-        self.show_empty("" if x.size else NO_CYCLES)
+        self.show_empty("" if x.size else NO_CYCLES if self.calibrated else NOT_CALIBRATED)
         if x.size:
             self.plot.x_range(0.0, max(10.0, float(x.max()) + 1.0))
             low, high = axis.padded(float(y.min()), float(y.max()), _MARGIN)
@@ -97,7 +99,7 @@ class ShadowPage(ReflowingPage):
     def __init__(self, model: ShadowLive, monitor: ShadowMonitor, services: Services) -> None:
         super().__init__()
         self.model, self.monitor = model, monitor
-        self._revision = -1
+        self._revision: tuple[int, bool] | None = None
         self.pane = ShadowPane(model, services)
         self.pane.setContentsMargins(0, -style.GAP, 0, 0)
         self.nominal, self.cycles = NominalCard(), CyclesCard(monitor)
@@ -121,8 +123,9 @@ class ShadowPage(ReflowingPage):
         self.model.prepare()
         self.pane.refresh(snapshot)
         self.nominal.show_model(self.model)
-        if self.monitor.revision != self._revision:
-            self._revision = self.monitor.revision
+        self.cycles.calibrated = snapshot.link is not LinkState.UP or self.model.calibrated
+        if (self.monitor.revision, self.cycles.calibrated) != self._revision:
+            self._revision = (self.monitor.revision, self.cycles.calibrated)
             self.cycles.show_cycles()
             rows = self.monitor.rows()
             self.alarms.fill([[(text, text) for text in (f"\u25b2 {what}", *cells)] for what, *cells in rows])

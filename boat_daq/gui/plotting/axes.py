@@ -19,7 +19,7 @@ from PySide6.QtCore import QLineF, QPointF, QRectF, Qt
 from PySide6.QtGui import QColor, QFont, QFontMetrics, QPainter, QPainterPath, QPen, QStaticText
 from PySide6.QtWidgets import QGraphicsItem, QGraphicsPathItem
 
-from boat_daq.formatting import clock, power_text
+from boat_daq.formatting import clock, number, power_text
 from boat_daq.gui import style
 from boat_daq.gui.style import Theme
 from boat_daq.viewmodels.live import axis
@@ -28,6 +28,7 @@ from protocol.base.units import MINUS, Shown, as_text
 CACHED_LABELS = 500
 _OVER = 0.1  # of a label's height, which may be outside the area of the axis
 _BEYOND = 5.0  # pixels of that area above and below an upright axis: labels at its ends reach into the gap
+_VALUE_PLACES = 2  # of a value beside ticks at 1 to 9
 ON_TICK = 1e-9  # of a step
 LOG_LABELS = 7
 GRID_BEYOND, GRID_LONGEST = 2.0, 50.0  # of what is shown: lines of the grid are longer on either side; at most so long
@@ -141,8 +142,9 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         return [str(text).replace("-", MINUS) for text in super().tickStrings(shown, scale, spacing)]
 
     def value_text(self, value: float) -> str:
-        """Return a value with its unit, as the axis shows it."""
-        text = clock(value) if self.time else f"{self._shown.value(value):.4g}".replace("-", MINUS)
+        """Return a value with its unit, as the axis shows it: to about a hundredth of the step of its ticks."""
+        places = 0 if self.whole else max(0, _VALUE_PLACES - math.floor(math.log10(self._step)))
+        text = clock(value) if self.time else number(self._shown.value(value), places)
         return text if self.time or not self._unit else f"{text} {self._unit}"
 
     def setRange(self, mn: float, mx: float) -> None:

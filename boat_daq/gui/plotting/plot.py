@@ -31,6 +31,8 @@ IN_FRONT = 10  # of the data; what is higher covers other labels, too
 FILLED_POINTS = 64  # points of a surface of a band
 COSMETIC = 0.0  # a pen of this width is one pixel at any zoom and adds nothing to the bounds
 _HALF_A_PIXEL = QTransform.fromTranslate(0.5, 0.5)
+_NEAR_SHARE = 0.08  # of a height: two numbers that are nearer cover each other
+_SEEN_SHARE = 0.01  # of a height: a lower band is covered by its line
 DASHES_PX = 6.0  # after so many the patterns of dashed and of dotted lines begin again
 
 pg.setConfigOptions(antialias=False, useOpenGL=False, segmentedLineMode="off")
@@ -250,6 +252,27 @@ class PointLabels:
         for item in self._items:
             item.setColor(theme.text)
             item.fill = pg.mkBrush(theme.surface if self._ground else None)
+
+
+def number_labels(curves: Sequence[tuple[FloatArray, FloatArray]]) -> list[tuple[float, float, str]]:
+    """Return the numbers of curves (x, y of one length), from 1, each where its curve is farthest from the others.
+
+    Those of curves that are alike everywhere are at different places; an empty curve has none.
+    """
+    values = [y for _, y in curves if y.size]
+    near = _NEAR_SHARE * float(np.ptp(np.concatenate(values))) if values else 0.0
+    labels = []
+    for i, (x, y) in enumerate(curves):
+        if not x.size:
+            continue
+        apart = np.full(x.size, np.inf)
+        for other_x, other_y in (other for k, other in enumerate(curves) if k != i and other[0].size):
+            apart = np.fmin(apart, np.abs(y - np.interp(x, other_x, other_y, left=np.nan, right=np.nan)))
+        at = int(np.argmax(np.where(np.isfinite(apart), apart, 0.0)))
+        if not near < apart[at] < np.inf:
+            at = round((i + 0.5) / len(curves) * (x.size - 1))
+        labels.append((float(x[at]), float(y[at]), str(i + 1)))
+    return labels
 
 
 class CornerText:
@@ -551,6 +574,11 @@ class Plot:
                 self.bottom.setRange(low, high)
             else:
                 self.x_range(low, high)
+
+    def is_seen(self, heights: FloatArray) -> bool:
+        """Return whether one of some heights is more than a line at the shown range."""
+        low, high = self._y_shown
+        return bool(heights.max() > _SEEN_SHARE * (high - low))
 
     def y_range(self, low: float, high: float) -> None:
         """Show [low, high] vertically; nothing is done where it is shown already."""

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-import numpy as np
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QBoxLayout, QFrame, QGridLayout, QLayout, QScrollArea, QWidget
@@ -29,6 +28,7 @@ from boat_daq.viewmodels.results.calibration import (
     ACCEPT,
     ANYWAY,
     CURVE_CHOICES,
+    IN_PROGRESS,
     CalibrationModel,
 )
 from boat_daq.viewmodels.results.calibration_texts import NextStep, missing, warnings
@@ -36,6 +36,7 @@ from boat_daq.viewmodels.results.run_result import CurveBands, RunResult, Sensor
 from protocol.base.arrays import FloatArray
 
 _BESIDE = 2  # curves in a row
+_MOST_LOOPS = 10  # that are drawn over each other: of more, one sensor would cover the other
 VERDICT_EXAMPLE = "\u25b2 U = 0.13 mm (k = 2) from -2.5 to 4.0 mm; 1 reading to check"
 BANDS = "Uncertainty bands"
 BANDS_TIP = "Bands that include the grid of the readings, by sampling (emcee); takes a while, in the background"
@@ -43,12 +44,12 @@ BANDS_SHOWN = "Bands: 68 % and 95 % of the curve; the widest, once sampled (emce
 EXPORT_TIP = "For other programs: JSON, C header, MATLAB or Octave function, or table"
 ACCEPT_TIP = "Store it with the unit and use it live"
 ANYWAY_TIP = "Store it with the unit, marked as out of tolerance, and use it live"
-_NO_RUN = (
-    "No run has been analysed yet",
-    "Run the calibration plan on Measure and type its readings: curves, loops and figures appear here.",
-    "Analyse the last run",
-)
+_SYSTEM_TIP = "Loading minus unloading over pressure: each sensor on its actuator (the system); below, the actuator"
+_ANALYSE_LAST = "Analyse the last run"
+_HOW_TO_BEGIN = "Run the calibration plan on Measure and type its readings: curves, loops and figures appear here."
 _NO_CYCLE = "A loop needs one complete cycle."
+_LINES = (Qt.PenStyle.SolidLine, Qt.PenStyle.DashLine, Qt.PenStyle.DashDotLine, Qt.PenStyle.DotLine)  # by sensor
+_LINE_TEXTS = ("\u2014", "- -", "-\u00b7-", "\u00b7\u00b7\u00b7")  # the same as text
 _BRANCHES = (("Loading", "Residual, loading", True), ("Unloading", "Residual, unloading", False))
 CERTIFICATE_TIP = "Certificate as PDF and XML: enter what is missing, look at the pages, save"
 CHOICE_TIP = "Curve of all sensors; cross-validation takes the simplest that predicts best"
@@ -117,7 +118,7 @@ class LoopCard(PlotCard):
     """
 
     def __init__(self) -> None:
-        super().__init__("Hysteresis", "Loading minus unloading of every cycle, over pressure")
+        super().__init__("Hysteresis, system", _SYSTEM_TIP)
         self.sensors = self.add("Sensors", "% FSO", x_title="Pressure", x_unit="kPa", stretch=3)
         self.actuator = self.add("Actuator", "% span", x_title="Pressure", x_unit="kPa", stretch=2)
         self.link_x()
@@ -138,14 +139,15 @@ class LoopCard(PlotCard):
             return
         for n in range(len(self.curves) + 1, len(result.sensors) + 1):
             self.curves.append(self.sensors.curve(f"Sensor {n}", sensor_colour(n), gaps=True))
-        cycles = np.arange(len(result.loops.numbers))
+        cycles = result.loops.spread(_MOST_LOOPS)
         for i, (curve, sensor) in enumerate(zip(self.curves, result.sensors, strict=False)):
             curve.set(*result.loops.opened(i, sensor.cycles.full_scale_mv, cycles))
         x, y = result.loops.actuator_opened(cycles)
         self.elongation.set(x, y)
         self.show_only(self.plots if x.size else [self.sensors])
         self.limits = limit_lines(self.sensors, result.sensors[0].cycles.whole) if result.sensors else []
-        self.readout.setText("loading minus unloading")
+        n, of = len(cycles), len(result.loops.numbers)
+        self.readout.setText(f"loading minus unloading{f', {n} of {of} cycles' if n < of else ''}")
         self.paint_theme(self.theme)
         for plot in self.plots:
             plot.fit()
@@ -156,7 +158,7 @@ class UncertaintyCard(PlotCard):
 
     def __init__(self) -> None:
         super().__init__("Uncertainty of an elongation", "U = 2 u of one reading by each sensor, over its range")
-        self.plot = self.add("U, k = 2", "\u00b5m", x_title="Elongation", x_unit="mm")
+        self.plot = self.add("U, k = 2", "mm", x_title="Elongation", x_unit="mm")
         self.lines: list[Curve] = []
 
     def show_uncertainty(self, of_sensors: Sequence[FloatArray]) -> None:
@@ -166,11 +168,14 @@ class UncertaintyCard(PlotCard):
             self.show_empty("No curve gives an elongation.")
             return
         for n in range(len(self.lines) + 1, len(of_sensors) + 1):
-            self.lines.append(self.plot.curve(f"Sensor {n}", sensor_colour(n), gaps=True))
+            look = _LINES[(n - 1) % len(_LINES)]
+            self.lines.append(self.plot.curve(f"Sensor {n}", sensor_colour(n), gaps=True, pen_style=look))
             self.lines[-1].paint(self.theme)
         self.plot.clear()
         for line, u in zip(self.lines, of_sensors, strict=False):
-            line.set(u[:, 0], 1000.0 * u[:, 1])
+            line.set(u[:, 0], u[:, 1])
+        drawn = (i for i, u in enumerate(of_sensors) if u.size)
+        self.readout.setText("  ".join(f"{_LINE_TEXTS[i % len(_LINES)]} sensor {i + 1}" for i in drawn))
         self.plot.fit()
 
 
@@ -212,7 +217,7 @@ class CalibrationPage(QWidget):
         self.uncertainty = UncertaintyCard()
         self.figures = KeyFigures("results", services.preferences)
         self.table = self.figures.table
-        self.empty = EmptyState(*_NO_RUN, self._analyse_or_choose)
+        self.empty = EmptyState("", "", _ANALYSE_LAST, self._begin)
         self.stack = Leaves(self.empty, self._filled())
         controls.page_layout(self).addWidget(self.stack)
 
@@ -372,17 +377,31 @@ class CalibrationPage(QWidget):
         beside = texts + self.buttons.sizeHint().width() + margins <= self.width()
         self.head.setDirection(QBoxLayout.Direction.LeftToRight if beside else QBoxLayout.Direction.TopToBottom)
 
+    def _begin(self) -> None:
+        if self.model.failure is not None:
+            self.services.show(Page.RECORDINGS)
+        elif self.model.no_last_run():
+            self.services.show(Page.MEASURE)
+        else:
+            self.services.notices.attempt(self.model.analyse_current)
+
+    def _say_why_empty(self) -> None:
+        if self.model.failure is not None:
+            self.empty.say(self.model.verdict()[1], self.model.headline(), "Go to Recordings")
+            return
+        why = self.model.no_last_run()
+        text = IN_PROGRESS if why == IN_PROGRESS else _HOW_TO_BEGIN
+        self.empty.say("No run has been analysed yet", text, "Go to Measure" if why else _ANALYSE_LAST)
+
     def refresh(self, snapshot: SessionSnapshot) -> None:
+        if self.model.result is None and not self.model.working:
+            self._say_why_empty()
         if self.model.revision == self._revision:
             return
         self._revision = self.model.revision
         result = self.model.result
         self.again.setEnabled(not self.model.working and self.model.last_path is not None)
         self.stack.setCurrentIndex(0 if result is None and not self.model.working else 1)
-        if self.model.failure is None:
-            self.empty.say(*_NO_RUN)
-        else:
-            self.empty.say(self.model.verdict()[1], self.model.headline(), "Go to Recordings")
         state, verdict = self.model.verdict()
         self.verdict.setText(verdict)
         controls.set_state(self.verdict, state)
@@ -426,12 +445,6 @@ class CalibrationPage(QWidget):
         self.candidates.setHorizontalHeaderLabels(self.model.curve_headings())
         self.candidates.fill([cells for cells, _ in curves], [tip for _, tip in curves])
         self._show_texts(result)
-
-    def _analyse_or_choose(self) -> None:
-        if self.model.failure is None:
-            self.services.notices.attempt(self.model.analyse_current)
-        else:
-            self.services.show(Page.RECORDINGS)
 
     def _show_acceptance(self) -> None:
         """Show the warnings of the curves; out of tolerance, acceptance is possible but not the primary action."""

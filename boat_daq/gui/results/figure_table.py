@@ -125,12 +125,18 @@ class KeyFigures(QWidget):
         self.table = FigureTable()
         self._key, self._preferences = f"all figures {name}", preferences
         self._rows: tuple[Sequence[Sequence[Cell]], Sequence[Sequence[Cell]], Sequence[str]] = ((), (), ())
-        self.all = controls.button("All figures", self._toggle, "quiet", tip="Every figure, or the six key figures")
+        self.all = controls.button("", self._toggle, "quiet", tip="Every figure, or the six key figures")
         self.all.setCheckable(True)
         self.all.setChecked(bool(preferences.get(self._key, False)))
+        self._name()
         self.setLayout(controls.column((self.table, 1000), controls.row(None, self.all), None, margins=(0, 0, 0, 0)))
 
+    def _name(self) -> None:
+        self.all.setText("Fewer figures" if self.all.isChecked() else "All figures")
+        self.all.setAccessibleName(self.all.text())
+
     def _toggle(self) -> None:
+        self._name()
         self._preferences.set(self._key, self.all.isChecked())
         self.show_figures(*self._rows)
 

@@ -124,9 +124,10 @@ class CycleFigureCard(PlotCard):
         self.show_empty(model.no_figure(shown) or ("" if drawn else NO_FIGURE))
         names = [f"{FILLED[n]} sensor {n + 1}" for n in drawn]
         self.readout.setText("  ".join([*names, f"\u2508 {text}"] if text and drawn else names))
-        line, band = (any(layer.y.size > 1 for layer in layers) for layers in (self.lines, self.bands))
-        controls.set_text(self.note, model.note(shown, line=line, band=band) if drawn else "")
         self.plot.fit(also_y=() if not np.isfinite(limit) else (limit,))
+        line = any(layer.y.size > 1 for layer in self.lines)
+        band = any(layer.y.size > 1 and self.plot.is_seen(layer.y - layer.low) for layer in self.bands)
+        controls.set_text(self.note, model.note(shown, line=line, band=band) if drawn else "")
 
     def _mark(self, line: Any) -> None:
         self.marks.append(line)

@@ -32,7 +32,7 @@ from PySide6.QtWidgets import (
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
-from boat_daq.gui.plotting.plot import Curve, PointLabels, ThemeColour
+from boat_daq.gui.plotting.plot import Curve, PointLabels, ThemeColour, number_labels
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.gui.results.metadata_form import MetadataForm
@@ -47,7 +47,6 @@ from boat_daq.viewmodels.common.files import TABLE_KINDS
 from boat_daq.viewmodels.common.services import Page, Place, Services, Tab
 from boat_daq.viewmodels.results.run_entry import RUN_HEADINGS, RunEntry, obstacle, selection_text
 from boat_daq.viewmodels.results.runs import RunsModel
-from protocol.base.arrays import FloatArray
 from protocol.base.units import as_text
 
 Index = QModelIndex | QPersistentModelIndex
@@ -180,7 +179,7 @@ class RunsPage(QWidget):
         open_ = partial(self._run, self._calibrate, Tab.CALIBRATION)
         buttons = {
             "open": controls.button("Open", open_, "primary", tip="Analyse it, on the page Results"),
-            "report": controls.button("Report …", partial(self._ask_save, "pdf html", self.model.report)),
+            "report": controls.button("Report …", partial(self._ask_save, "pdf html", self.model.report, " report")),
             "export": controls.button("Export", lambda: None),
         }
         export = QMenu(buttons["export"])
@@ -285,9 +284,10 @@ class RunsPage(QWidget):
         panel.finished.connect(self.model.scan)
         panel.show()
 
-    def _ask_save(self, kinds: str, save: Callable[[list[Path], Path], None]) -> None:
+    def _ask_save(self, kinds: str, save: Callable[[list[Path], Path], None], what: str = "") -> None:
         paths = self._paths()
-        ask_save(self, self.services, paths[0].stem if paths else "run", kinds, partial(save, paths), done="")
+        stem = (paths[0].stem if paths else "run") + what
+        ask_save(self, self.services, stem, kinds, partial(save, paths), done="")
 
     def _rename(self) -> None:
         run = self.selected()[0]
@@ -425,15 +425,9 @@ class RunsPage(QWidget):
             self._arrange_comparison(len(lines))
         self.compare_card.readout.setText(legend)
         for labels, curves in zip(self.numbers, lines, strict=False):
-            labels.set([(*spread(x, y, i, len(curves)), str(i + 1)) for i, (x, y) in enumerate(curves) if x.size])
+            labels.set(number_labels(curves))
         for row, curves in zip(self.differences, lines, strict=False):
             for curve, (x, y) in zip(row, curves, strict=False):
                 curve.set(x, y)
         for plot in self.compare_card.plots:
             plot.fit(smallest=LEAST_SPAN_MV if self.model.comparison_unit == "mV" else 0.0)
-
-
-def spread(x: FloatArray, y: FloatArray, place: int, of: int) -> tuple[float, float]:
-    """Return the point of a curve for its number, further along for each curve: numbers on equal curves stay apart."""
-    at = round((place + 0.5) / of * (x.size - 1))
-    return float(x[at]), float(y[at])

@@ -7,14 +7,15 @@ from PySide6.QtCore import Qt, QTimerEvent
 from PySide6.QtWidgets import QDialog, QGridLayout, QWidget
 
 from boat_daq.gui import style
-from boat_daq.gui.plotting.plot import Curve, Points, ramp_colour, sensor_colour
+from boat_daq.gui.plotting.plot import Curve, Points, number_labels, ramp_colour, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
+from boat_daq.gui.results.repeat_page import FILLED, SYMBOLS
 from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.gui.widgets.layouts import PageScroll
 from boat_daq.viewmodels.common.services import Services
-from boat_daq.viewmodels.results.unit_over_time import UnitOverTimeModel, history_headings, unit_rows
+from boat_daq.viewmodels.results.unit_over_time import UnitOverTimeModel, check_point, history_headings, unit_rows
 from boat_daq.workflows.unit_history import UnitOverTime
 from protocol.base.arrays import FloatArray
 
@@ -23,6 +24,8 @@ _SIZE = (1000, 720)
 _LEAST_SHARE = 0.05  # of the values: less is not spread over the whole height
 _AROUND = 0.1  # of the values: no point at the edge is cut
 FINDING = 5  # column that takes the remaining width
+_SINCE = "Since the first"
+_CURVES_OF = "Curves of sensor {}"
 CURVES_TITLE = "Calibration curves"
 DIFFERENCES = "Difference from the first"
 COEFFICIENT = "Coefficient b\u2081"
@@ -51,8 +54,9 @@ class UnitWindow(QDialog):
             self.cards[title].add(
                 "Signal" if title == CURVES_TITLE else "Difference", unit, x_title="Elongation", x_unit="mm"
             )
-        self.cards[COEFFICIENT].add("b\u2081", "mV/mm", x_title="Since the first", x_unit="d")
-        self.cards[UNCERTAINTY_TITLE].add("U, k = 2", "\u00b5m", x_title="Since the first", x_unit="d")
+        self.cards[COEFFICIENT].add("b\u2081", "mV/mm", x_title=_SINCE, x_unit="d")
+        self.cards[UNCERTAINTY_TITLE].add("U, k = 2", "mm", x_title=_SINCE, x_unit="d")
+        self.numbers = self.cards[DIFFERENCES].plots[0].labels((0.5, 0.5), ground=True)
         grid = QGridLayout()
         grid.setSpacing(style.GAP)
         for place, card in enumerate(self.cards.values()):
@@ -60,7 +64,7 @@ class UnitWindow(QDialog):
             card.show_empty("Loading \u2026")
             grid.addWidget(card, place // 2, place % 2)
         self.due = controls.label("Reading the calibrations \u2026", "subtitle", wrap=True, name="When it is due again")
-        self.sensor = controls.choice("Sensor of the curves", (("Sensor 1", 0),), self._draw_curves)
+        self.sensor = controls.choice("Sensor of the curves", ((_CURVES_OF.format(1), 0),), self._draw_curves)
         self.table = DataTable(
             "Calibrations of the unit", history_headings(like.theme.units), stretched=FINDING, right=(2, 3, 4)
         )
@@ -87,13 +91,13 @@ class UnitWindow(QDialog):
         for card in self.cards.values():
             card.show_signals_in(found.signal_unit)
         units = self.theme.units.of_signals_in(found.signal_unit)
-        self.table.set_headings(history_headings(units), stretched=FINDING, right=(2, 3, 4))
+        self.table.set_headings(history_headings(units, found), stretched=FINDING, right=(2, 3, 4))
         self.due.setText(found.void or found.sentence)
         self.save.setEnabled(not found.void)
         self.table.fill(unit_rows(found, units))
         self.sensor.clear()
         for number in range(1, len(found.histories) + 1):
-            self.sensor.addItem(f"Sensor {number}", number - 1)
+            self.sensor.addItem(_CURVES_OF.format(number), number - 1)
         self._say("No accepted calibration." if found.void else "")
         if found.void:
             return
@@ -121,24 +125,37 @@ class UnitWindow(QDialog):
             for line, curve in zip(lines, curves, strict=False):
                 line.set(*(curve.T if title == CURVES_TITLE else _less(curve, curves[0])))
             plot.fit()
+            card.readout.setText("dark first, light last; numbers as in the table")
+        self.numbers.set(number_labels([(line.x, line.y) for line in lines[: len(curves)]]))
 
     def _draw_times(self) -> None:
-        """Draw b1 and U of every sensor over the days since its first calibration."""
+        """Draw b1 and U of every sensor over the time since its first calibration."""
         assert self._shown is not None
         slope, spread = self.cards[COEFFICIENT].plots[0], self.cards[UNCERTAINTY_TITLE].plots[0]
+        times, unit = self._shown.times()
         for sensor, history in enumerate(self._shown.histories):
-            days, colour, name = self._shown.days(sensor), sensor_colour(sensor + 1), f"Sensor {sensor + 1}"
+            time, colour, name = times[sensor], sensor_colour(sensor + 1), f"Sensor {sensor + 1}"
+            symbol = SYMBOLS[sensor % len(SYMBOLS)]
             if history.coefficients.shape[1] > 1:
                 b1, u = history.coefficients[:, 1], 2.0 * history.std_errors[:, 1]
                 known = np.isfinite(b1) & np.isfinite(u)
                 band = slope.band(f"{name}, U", colour)
-                band.fill(days[known], (b1 - u)[known], (b1 + u)[known])
-                self._points(slope.curve(name, colour), slope.points(name, colour), days[known], b1[known])
+                band.fill(time[known], (b1 - u)[known], (b1 + u)[known])
+                self._points(
+                    slope.curve(name, colour), slope.points(name, colour, symbol=symbol), time[known], b1[known]
+                )
                 band.paint(self.theme)
             known = np.isfinite(history.expanded_mm)
-            values = 1000.0 * history.expanded_mm[known]
-            self._points(spread.curve(name, colour), spread.points(name, colour), days[known], values)
+            values, marks = history.expanded_mm[known], spread.points(name, colour, symbol=symbol)
+            self._points(spread.curve(name, colour), marks, time[known], values)
+        names = (f"{FILLED[n % len(FILLED)]} sensor {n + 1}" for n in range(len(times)))
+        legend = "  ".join(names)
+        self.cards[COEFFICIENT].readout.setText(legend)
+        self.cards[UNCERTAINTY_TITLE].readout.setText(f"{check_point(self._shown, self.theme.units)}   {legend}")
         for plot in (slope, spread):
+            plot.x_unit = unit
+            plot.label_x(_SINCE, unit)
+            plot.paint(self.theme)
             values = np.concatenate([layer.y for layer in plot.layers if layer.y.size] or [np.ones(1)])
             around = _AROUND * np.ptp(values)
             ends = (values.min() - around, values.max() + around)

@@ -14,6 +14,8 @@ from boat_daq.gui import style
 from boat_daq.viewmodels.common.notices import Notices, Severity
 from boat_daq.viewmodels.common.services import Services
 
+_NAMED = {"h": "C header (.h)", "m": "MATLAB or Octave (.m)", "h5": "HDF5", "mat": "MATLAB"}
+"""Names of the files whose ending is no name."""
 Then = Callable[[Path], object]
 
 
@@ -67,7 +69,8 @@ def ask_save(
     suffix : the endings allowed, without dots, separated by spaces; the first is the default.
     done : notice after `then` has returned; "Saved" and the name when None, no notice when empty.
     """
-    dialog = _dialog(parent, services, f"Save {suffix.upper().replace(' ', ' or ')}", suffix, then, done)
+    named = " or ".join(_NAMED.get(one, one.upper()) for one in suffix.split())
+    dialog = _dialog(parent, services, f"Save {named}", suffix, then, done)
     first = suffix.split()[0]
     dialog.setAcceptMode(QFileDialog.AcceptMode.AcceptSave)
     dialog.setDefaultSuffix(first)
@@ -91,7 +94,7 @@ def _dialog(
         if services.notices.attempt(lambda: then(path), done=done or "") and done is None:
             services.notices.inform_saved(path)
 
-    kinds = suffixes.upper().replace(" ", ", ")
+    kinds = ", ".join(_NAMED.get(suffix, suffix.upper()) for suffix in suffixes.split())
     patterns = " ".join(f"*.{suffix}" for suffix in suffixes.split())
     usual = services.recordings if services.recordings.is_dir() else Path.home()
     folder = str(services.preferences.get("folder", str(usual)))

@@ -115,6 +115,11 @@ class ShadowLive:
         """Return the greatest error of a tracked point over the held-out states of the table; NaN while it loads."""
         return math.nan if (table := self._nominal_table) is None else float(table.errors_mm[-1])
 
+    @property
+    def calibrated(self) -> bool:
+        """Whether the unit of the board has a calibration, which may still be loading."""
+        return self._live.inverse is not None or self._live.loading
+
     def poll(self) -> None:
         if self._wanted and not self._begun and not any(map(self._jobs.get, COMPILING)):
             self._begun = True

@@ -21,7 +21,7 @@ from analysis.fidelity import Fidelity, fidelity
 from boat_daq.engine.recording.rename import companions
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import UnitLibrary
-from boat_daq.engine.snapshot import LinkState, SessionState
+from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.formatting import count, number
 from boat_daq.viewmodels.common.notices import Notice, Severity, sentence
 from boat_daq.viewmodels.common.services import Change, Services
@@ -59,6 +59,8 @@ from protocol.base.units import NOTHING, STORED_UNITS, Quantity, ShownUnits, Uni
 from protocol.recording.elongation_file import read_elongation_rows
 
 ACCEPT, ANYWAY = "Accept", "Accept anyway"
+WHOSE_U = "The U at the top is the largest over the range, of all sensors together; here each sensor is alone."
+IN_PROGRESS = "A run is in progress: it can be analysed when it has ended."
 Action = Callable[[], None]
 _UNDER_WAY = (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
 CURVE_CHOICES = (
@@ -114,16 +116,24 @@ class CalibrationModel:
         snapshot = self.session.snapshot()
         if snapshot.state in _UNDER_WAY:
             raise RequestError("a run is in progress", "Wait for its end, or stop it: complete cycles are analysed.")
-        path = self.last_path
-        if snapshot.recording is not None:
-            path = self.session.stop_recording() or snapshot.recording
-        elif snapshot.link is LinkState.UP and self.result and self.result.simulated is not snapshot.simulated:
-            path = None
-        simulated = snapshot.simulated if snapshot.link is LinkState.UP else None
-        path = path or self._newest(simulated)
+        path = self._last_run(snapshot)
         if path is None:
             raise RequestError("there is no recording yet", "Run a plan, or open a recording on the page Recordings.")
-        self.analyse(path)
+        self.analyse(path if snapshot.recording is None else self.session.stop_recording() or path)
+
+    def no_last_run(self) -> str:
+        """Return why there is no last run to be analysed; empty where there is one."""
+        snapshot = self.session.snapshot()
+        if snapshot.state in _UNDER_WAY:
+            return IN_PROGRESS
+        return "" if self._last_run(snapshot) is not None else "There is no recording yet. Run the plan on Measure."
+
+    def _last_run(self, snapshot: SessionSnapshot) -> Path | None:
+        up = snapshot.link is LinkState.UP
+        if snapshot.recording is not None:
+            return snapshot.recording
+        other = up and self.result is not None and self.result.simulated is not snapshot.simulated
+        return (None if other else self.last_path) or self._newest(snapshot.simulated if up else None)
 
     def analyse(self, path: Path) -> None:
         """Analyse a recording in the background; a new one with the curve that it was accepted with."""
@@ -155,12 +165,14 @@ class CalibrationModel:
         return CertificateModel(stated, path, self.choice, self.jobs, self._services)
 
     def uncertainty_text(self) -> str:
-        """Return whether an elongation is traceable, and why U is not given everywhere; empty without a calibration."""
+        """Return whose U is shown, whether an elongation is traceable, and why U is not given everywhere."""
         if self.result is None:
             return ""
+        several = sum(u.size > 0 for u in self.result.u_elongation) > 1
         voids = enumerate(self.result.u_reason, 1)
         missing = [f"Sensor {number}: {why}." for number, why in voids if why]
-        return "\n".join([text for text in (traceability_text(self.result.traceability), *missing) if text])
+        texts = WHOSE_U if several else "", traceability_text(self.result.traceability), *missing
+        return "\n".join(filter(None, texts))
 
     @property
     def curve_shown(self) -> str:
@@ -191,7 +203,7 @@ class CalibrationModel:
         return self.shown_units.of_signals_in(self.result.signal_unit) if self.result is not None else self.shown_units
 
     def curve_headings(self) -> tuple[str, ...]:
-        u, error = (as_text(self.units_of_run.shown(unit).symbol) for unit in ("um", "mV"))
+        u, error = (as_text(self.units_of_run.shown(unit).symbol) for unit in ("mm", "mV"))
         return "Curve", "Verdict", f"U, {u}", f"Error, {error}"
 
     def curve_rows(self) -> list[tuple[Cells, str]]:
@@ -337,7 +349,7 @@ class CalibrationModel:
 
     def check_lines(self) -> tuple[str, ...]:
         texts = (in_shown_units(one.text, self.shown_units) for one in self.to_check())
-        return tuple(f"Check {shown_text(text)}." for text in texts)
+        return tuple(f"Before accepting, check {shown_text(text)}." for text in texts)
 
     def leave_out_readings(self) -> None:
         """Withdraw the readings to be checked, undoably, and analyse the run again."""
@@ -427,13 +439,13 @@ class CalibrationModel:
         return "\n".join(lines)
 
     def coefficient_rows(self) -> list[tuple[Cells, str]]:
-        """Return each coefficient as (name, this calibration, the previous one, E_n), with its tooltip."""
-        sensors = self.result.sensors if self.result is not None else ()
-        return [
-            coefficient_row(sensor.label, c, self.units_of_run)
-            for sensor, found in zip(sensors, self.agreements, strict=False)
-            for c in (found.coefficients if found is not None else ())
-        ]
+        """Return each sensor's coefficients as (name, this calibration, the previous one, E_n), with its tooltip."""
+        rows: list[tuple[Cells, str]] = []
+        for sensor, found in zip(self.result.sensors if self.result is not None else (), self.agreements, strict=False):
+            if found is not None:
+                rows.append(((sensor.label, "", "", ""), ""))
+                rows += [coefficient_row(sensor.label, c, self.units_of_run) for c in found.coefficients]
+        return rows
 
     def request_acceptance(self, *, anyway: bool = False) -> None:
         """Accept the calibration; one out of tolerance only with `anyway`, which is then offered."""

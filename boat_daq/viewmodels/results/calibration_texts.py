@@ -107,7 +107,7 @@ def curve_row(c: CurveCandidate, units: ShownUnits, *, chosen: bool) -> tuple[Ce
     cells = (
         f"\u25b8 {name}" if chosen else name,
         f"{sign} {c.verdict}" if c.verdict else "not tested",
-        _plain(units, "um", 1000 * c.expanded_mm, 0),
+        _plain(units, "mm", c.expanded_mm, 3),
         error.text(units.shown("mV")) if np.isfinite(c.prediction_rms_mv) else NOTHING,
     )
     return cells, "\n".join(filter(None, (c.sentence, f"no U: {c.void}" if c.void else "")))
@@ -122,16 +122,16 @@ def _plain(units: ShownUnits, stored: str, value: float, decimals: int) -> str:
 def coefficient_row(label: str, c: Coefficient, units: ShownUnits) -> tuple[Cells, str]:
     signal, length = units.shown("mV"), units.shown("mm")
     factor = signal.factor / length.factor**c.power
+    power = "" if c.power == 1 else str(c.power).translate(SUPERSCRIPT)
+    unit = as_text(f"{signal.symbol}/{length.symbol}{power}" if c.power else signal.symbol)
     cells = (
-        f"{label}: b{str(c.power).translate(SUBSCRIPT)}",
+        f"b{str(c.power).translate(SUBSCRIPT)}, {unit}",
         measured(factor * c.value, factor * c.std_error),
         measured(factor * c.value_before, factor * c.std_error_before),
         number(c.e_n, 2, sign=True),
     )
-    power = "" if c.power == 1 else str(c.power).translate(SUPERSCRIPT)
-    unit = f"{signal.symbol}/{length.symbol}{power}" if c.power else signal.symbol
     tip = (
-        f"{label}: coefficient of x{power}, {as_text(unit)}, with its standard error; "
+        f"{label}: coefficient of x{power}, {unit}, with its standard error; "
         "E\u2099 = difference / (2 \u00b7 root of the sum of their squares)"
     )
     return cells, tip

@@ -25,6 +25,7 @@ Cell = tuple[str, str]
 """A text of a table with its tooltip."""
 HYSTERESIS_KEY, DRIFT_KEY = "system_hysteresis_percent_fso", "drift_percent_fso_per_100_cycles"
 SENSITIVITY_KEY, SNR_KEY, FSO_KEY = "sensitivity_mv_per_mm", "snr_db", "fso_mv"
+_MID_RANGE = "of one reading of elongation, in the middle of the range"
 _OF_RUN = (HYSTERESIS_KEY, DRIFT_KEY, SENSITIVITY_KEY, SNR_KEY, FSO_KEY)
 _SHAPES = {"pass": "\u25cf", "conditional_pass": "\u25d0", "conditional_fail": "\u25b3", "fail": "\u25b2"}
 """Marks of a statement of conformity beside a value; one that is undetermined has none."""
@@ -44,13 +45,17 @@ def figure_text(
     """
     if figure is None:
         return NOTHING, "not computed for this run"
+    if stated is not None:
+        decimals = stated.decimals(decimals)
     text, lines = number(figure.value, decimals), [figure.definition] if figure.definition else []
     if stated is not None:
         text = f"{_SHAPES.get(stated.conformity, '')} {text}".strip()
         lines.append(f"{stated.conformity.label}: {stated.text}")
     if math.isfinite(figure.low) and math.isfinite(figure.high):
-        low, value, high = (number(each, decimals) for each in (figure.low, figure.value, figure.high))
-        if not brief or (value in (low, high) and low != high):
+        alike = number(figure.low, decimals) == number(figure.high, decimals)
+        finer = decimals + 1 if alike and figure.low < figure.high else decimals
+        low, value, high = (number(each, finer) for each in (figure.low, figure.value, figure.high))
+        if not brief or (value in (low, high) and not alike):
             text += f"\n{low} to {high}"
         lines.append(f"95 % confidence interval: {low} to {high} {unit or figure.unit}")
     if figure.n:
@@ -116,17 +121,17 @@ def _expanded_rows(found: Analysis) -> list[tuple[Cell, ...]]:
     """Return the expanded uncertainty of an elongation and whether it is traceable; none without a calibration."""
     if found.budgets is None or not found.budgets.budgets:
         return []
-    where, budgets = UnitText("at ", Quantity(found.budgets.x_mm, "mm", "+.2f")), found.budgets.budgets
+    at, budgets = Quantity(found.budgets.x_mm, "mm", "+.2f"), found.budgets.budgets
     expanded: list[Cell] = []
     for b in budgets:
         mark = ", stated" if b.stand_in else ""
-        half = UnitText("\u00b1", Quantity(1000 * b.expanded, "um", ".0f"), mark)
-        known = half, UnitText(f"k = 2, {b.dof:.0f} degrees of freedom, ", where)
+        half = UnitText("\u00b1", Quantity(b.expanded, "mm", ".3f"), mark)
+        known = half, UnitText(f"k = 2, {b.dof:.0f} degrees of freedom, at ", at)
         expanded.append(("not known", b.void) if b.void else known)
     traced = [one for b in budgets if (one := b.traceability) is not None]
     reasons = [("yes" if one.traceable else "no", one.text) for one in traced]
     return [
-        (("Expanded uncertainty", UnitText("of one reading of elongation, ", where)), *expanded),
+        ((UnitText("Expanded uncertainty\nk = 2, at ", at), _MID_RANGE), *expanded),
         (("Traceable", reasons[0][1] if reasons else ""), *reasons),
     ]
 
@@ -140,7 +145,7 @@ def _component_rows(found: Analysis) -> list[tuple[Cell, ...]]:
     for parts in zip(*(budget.components for budget in budgets), strict=True):
         cells = []
         for c, own in zip(parts, shares, strict=True):
-            text = UnitText(Quantity(1000 * c.contribution, "um", ".1f")) if c.assessed else "not assessed"
+            text = UnitText(Quantity(c.contribution, "mm", ".4f")) if c.assessed else "not assessed"
             share = f"{100 * own[c.name]:.0f} % of the variance; " if c.assessed else ""
             cells.append((text, f"{share}{c.source}"))
         rows.append(((parts[0].name.capitalize(), parts[0].source), *cells))

@@ -15,6 +15,7 @@ from time import monotonic
 import numpy as np
 
 from analysis.fidelity import Fidelity, fidelity
+from analysis.figures.figure import sensor_text
 from boat_daq.engine.snapshot import SessionSnapshot, SessionState
 from boat_daq.formatting import count, quantity
 from boat_daq.viewmodels.results.calibration_texts import verdict_text
@@ -50,7 +51,7 @@ CYCLE_FIGURES = (
         "Drift", "From the mean", "% FSO", DRIFT_KEY, "signal at the highest (filled) and the lowest level", "drift"
     ),
     CycleFigure(
-        "Hysteresis", "Hysteresis", "% FSO", HYSTERESIS_KEY, "cycles, on average wider by their noise", "the mean loop"
+        "Hysteresis", "Hysteresis", "% FSO", HYSTERESIS_KEY, "single cycles", "the mean loop, which has the limit,"
     ),
     CycleFigure("Sensitivity", "Sensitivity", "mV/mm", SENSITIVITY_KEY),
     CycleFigure("SNR", "SNR", "dB", SNR_KEY),
@@ -170,7 +171,7 @@ class RepeatabilityModel:
         """Return the published limit of a figure with its text; NaN where there is none."""
         found = [s.cycles.whole.get(shown.key) for s in self.result.sensors] if self.result is not None else []
         limit = next((f for f in found if f is not None and math.isfinite(f.limit)), None)
-        return (math.nan, "") if limit is None else (limit.limit, f"limit {limit.symbol} {limit.limit:g}")
+        return (math.nan, "") if limit is None else (limit.limit, f"limit {limit.symbol} {limit.limit:g} {shown.unit}")
 
     def no_figure(self, shown: CycleFigure) -> str:
         """Return why a figure is not drawn; "" where some cycle has it."""
@@ -182,11 +183,13 @@ class RepeatabilityModel:
         """Return what is drawn of a figure, with or without its line and band; why cycles lie above that of the run."""
         if self.result is None:
             return ""
-        drawn = [f"Points: {shown.points}."]
+        lifts = [(sensor_text(s.record.name), s.cycles.lift_percent_fso) for s in self.result.sensors]
+        above = [f"{name} by {lift:.2f} {shown.unit}" for name, lift in lifts if math.isfinite(lift)]
+        noise = f", made wider by noise, {', '.join(above)}" if above and shown.key == HYSTERESIS_KEY else ""
+        drawn = [f"Points: {shown.points}{noise}."]
         if line:
             drawn.append(f"Line and band: {shown.line} with its 95 % interval." if band else f"Line: {shown.line}.")
-        above = [s.cycles.why_above for s in self.result.sensors if s.cycles.why_above]
-        return " ".join([*drawn, *(above if shown.key == HYSTERESIS_KEY else ())])
+        return " ".join(drawn)
 
     def known(self) -> str:
         """Return how well drift and repeatability are known, of the worse sensor; "" without an interval."""

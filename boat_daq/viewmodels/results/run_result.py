@@ -49,6 +49,11 @@ class LoopSet:
     elongation_mm: FloatArray | None
     signal_mv: FloatArray
 
+    def spread(self, most: int) -> IntArray:
+        """Return the cycles, at most so many: then evenly apart, with the first and the last."""
+        n = len(self.numbers)
+        return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int)) if n else np.zeros(0, int)
+
     def opened(self, sensor: int, scale_mv: float, cycles: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return loading minus unloading over pressure of cycles, % of `scale_mv`, as one line with gaps."""
         middle = self.pressure_kpa[:, cycles].mean(axis=0)
@@ -83,7 +88,7 @@ class CycleSeries:
     ----------
     ends : [2, cycles] signal at the lowest and at the highest level, % FSO from its mean over the cycles.
     whole : figures of the whole run, by key.
-    why_above : why single cycles lie above the figure of the run; empty where they do not.
+    lift_percent_fso : how far noise lifts the hysteresis of single cycles above that of the run; NaN where not.
     """
 
     hysteresis_percent_fso: FloatArray
@@ -93,7 +98,7 @@ class CycleSeries:
     warm_up: int
     ends: FloatArray = field(default_factory=lambda: np.zeros((2, 0)))
     whole: Mapping[str, RunFigure] = field(default_factory=dict)
-    why_above: str = ""
+    lift_percent_fso: float = math.nan
 
     @property
     def full_scale_mv(self) -> float:
@@ -261,7 +266,7 @@ def _sensor(found: Analysis, index: int, own: SensorCalibration) -> SensorResult
             each.warm_up,
             each.level_displacement_percent_fso[:, [0, -1]].T,
             run_figures(sensor),
-            single_cycles(index + 1, sensor),
+            each.hysteresis_lift_percent_fso if single_cycles(index + 1, sensor) else math.nan,
         ),
         loading=np.array([found.plateaus[int(i)].branch != "unloading" for i in points], dtype=bool),
         fit=curve,

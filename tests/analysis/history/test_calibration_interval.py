@@ -68,7 +68,7 @@ def test_interval_is_void_with_a_reason(days: tuple[float, ...], u: float, limit
     """Nothing is proposed from nothing."""
     found = proposed_interval(at(*days), np.zeros(len(days)), np.full(len(days), u), limit)
     assert reason in found.void
-    assert found.sentence.startswith("no interval is proposed")
+    assert found.sentence.startswith("no recalibration interval is proposed")
     assert found.as_json()["due_utc"] == ""
     assert "not known" in proposed_interval([None, START], np.zeros(2), np.ones(2), 1.0).void
 

@@ -40,7 +40,7 @@ def test_palette_finds_synonyms(live):
         ("quit", "Close the window"), ("exit", "Close the window"), ("night", "Dark"), ("start", "Start"),
         ("marker", "Add marker \u2026"), ("begin", "Start"), ("screenshot", "Copy the plot"),
         ("statistics", "Cursor A"), ("emergency", "Vent now"), ("compare", "Recordings"),
-        ("fit", "Analyse the last run"),
+        ("fit", "Calibration"),
     ):  # fmt: skip
         palette._match(typed)
         assert palette.list.topLevelItem(0).text(0) == meant, typed

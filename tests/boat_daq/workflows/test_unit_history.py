@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from boat_daq.engine.settings import Unit, UnitLibrary
 from boat_daq.viewmodels.results.unit_over_time import unit_rows
-from boat_daq.workflows.unit_history import in_force_at_times, report_unit, unit_over_time
+from boat_daq.workflows.unit_history import UnitOverTime, in_force_at_times, report_unit, unit_over_time
 from protocol.base.errors import RequestError
 from tests.boat_daq.viewmodels.results.units import accepted, unit
 
@@ -19,11 +20,14 @@ def test_accepted_calibrations_are_arranged_over_time() -> None:
     """Two calibrations 2 mV apart: days, E_n, U of the live reading, a proposal, a line each in the table."""
     found = unit_over_time(unit(0.0, 2.0))
     assert len(found.histories) == 2
-    assert found.days(0).tolist() == [0.0, 60.0]
+    assert (found.times()[0][0].tolist(), found.times()[1]) == ([0.0, 60.0], "d")
+    short = [SimpleNamespace(when=("2026-11-27T13:14:00", f"2026-11-27T{end}")) for end in ("13:17:00", "18:14:00")]
+    assert [UnitOverTime((one,), "").times()[1] for one in short] == ["min", "h"]
+    assert UnitOverTime((short[0],), "").times()[0][0] == pytest.approx([0.0, 3.0])
     assert found.histories[0].value_mv[1] - found.histories[0].value_mv[0] == pytest.approx(2.0)
     assert np.isfinite(found.histories[0].expanded_mm).all()
     assert "Due again 2026" in found.sentence
-    assert unit_rows(found)[0][:2] == ("2026-03-11  10:00", "1")
+    assert unit_rows(found)[0][:2] == (" 2   2026-03-11  10:00", "1")
     assert len(unit_rows(found)) == 4
 
 

@@ -210,7 +210,7 @@ def test_empty_plot_is_not_saved_and_reports_its_remedy(empty, tmp_path):
     for command in ("Copy the plot", "Save the plot …"):
         run_command(empty, command)
         assert "nothing is drawn yet" in empty.model.notices.current().cause
-        assert "accepted calibration" in empty.model.notices.current().remedy
+        assert "once it is complete" in empty.model.notices.current().remedy
         empty.model.notices.dismiss(empty.model.notices.current())
 
 
@@ -280,8 +280,8 @@ def test_cursor_of_a_plot_shows_the_value_of_its_curve(qtbot) -> None:
     plot.curve("Line", lambda theme: theme.target).set(np.array([0.0, 10.0]), np.array([1.0, 21.0]))
     card.paint_theme(style.LIGHT)
     plot.place_cursor(2.5)
-    assert plot.cursor.label.textItem.toPlainText() == "6 mm at 2.5 kPa"
+    assert plot.cursor.label.textItem.toPlainText() == "6.000 mm at 2.500 kPa"
     plot.cursor.setValue(20.0)
-    assert plot.cursor.label.textItem.toPlainText() == "20 kPa"
+    assert plot.cursor.label.textItem.toPlainText() == "20.000 kPa"
     plot.remove_cursor()
     assert plot.cursor is None

@@ -14,7 +14,7 @@ from PySide6.QtWidgets import QApplication, QFileDialog
 
 from analysis.calibration.curve_choice import CURVES, CurveCandidate
 from analysis.calibration_export.verdict import Verdict, VerdictCode, VerdictState
-from boat_daq.engine.snapshot import LinkState
+from boat_daq.engine.snapshot import LinkState, SessionState
 from boat_daq.gui import main_window
 from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.viewmodels.results import calibration
@@ -45,8 +45,8 @@ def test_previous_calibration_is_compared(live):
     model.calibration.accepted = None
     model.calibration.show(run_result(offset=2.0))
     live.refresh()
-    assert page.coefficients.rowCount() == 8
-    assert page.coefficients.item(0, 2).text() != page.coefficients.item(0, 1).text()
+    assert page.coefficients.rowCount() == 10
+    assert page.coefficients.item(1, 2).text() != page.coefficients.item(1, 1).text()
     assert "▲ differs" in page.comparison.text()
     card = page.curves[0]
     assert card.difference.y == pytest.approx(-2.0, abs=1e-6)
@@ -145,7 +145,7 @@ def test_verdict_is_the_headline_and_a_reading_to_check_blocks_acceptance(live):
     live.refresh()
     assert page.verdict.text().endswith("to 3.8 mm; 1 reading to check")
     assert page.verdict.property("state") == "warning"
-    assert page.to_check.text() == "Check +10.00 mm at +10 kPa, 9.2 mm from the others."
+    assert page.to_check.text() == "Before accepting, check +10.00 mm at +10 kPa, 9.2 mm from the others."
     for way in (page.correct, page.leave_out, page.reason, page.confirm):
         assert way.isVisible()
     assert not page.accept.isEnabled()
@@ -285,6 +285,10 @@ def test_key_does_not_accept_a_calibration_out_of_tolerance(live):
 def test_last_run_of_an_earlier_start_is_analysed(live, monkeypatch):
     """After a new start "Analyse the last run" takes the recording that was written last."""
     folder = live.model.services.recordings
+    live.go("Calibration")
+    page = live.pages["Calibration"]
+    live.refresh()
+    assert page.empty.button.text() == "Go to Measure"  # there is none yet
     folder.mkdir()
     for i, name in enumerate(("b.boat", "a.boat")):
         path = folder / name
@@ -293,8 +297,13 @@ def test_last_run_of_an_earlier_start_is_analysed(live, monkeypatch):
     requested: list[Path] = []
     live.model.session.change(link=LinkState.CLOSED)
     monkeypatch.setattr(live.model.calibration, "analyse", requested.append)
-    live.model.calibration.analyse_current()
+    live.refresh()
+    assert page.empty.button.text() == "Analyse the last run"
+    page.empty.button.click()
     assert requested == [folder / "a.boat"]
+    live.model.session.change(state=SessionState.RUNNING)
+    live.refresh()
+    assert (page.empty.button.text(), "when it has ended" in page.empty.words.text()) == ("Go to Measure", True)
 
 
 @pytest.mark.nightly

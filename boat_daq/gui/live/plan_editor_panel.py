@@ -36,7 +36,7 @@ class PlanEditorPanel(QDialog):
         self.model, self.sequence, self.services = PlanEditor(sequence), sequence, services
         self._shown: object = None
         self.setWindowTitle("Plan of segments")
-        self.resize(style.FORM_WIDTH + style.PANE_WIDTH_WIDE, style.FORM_HEIGHT)
+        self.resize(style.FORM_WIDTH + style.PANE_WIDTH_WIDE, style.list_height(self))
         self.fields = {key: self._plan_field(key) for key in LABELS}
         self.quantity = controls.choice("Quantity", [(q, q) for q in QUANTITIES], self._do(self.model.set_quantity))
         self.grid, self.loops = QGridLayout(), QGridLayout()

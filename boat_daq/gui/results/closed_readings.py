@@ -35,7 +35,7 @@ class ClosedReadings(QDialog):
         self.path, self.analyse, self.services = path, calibrate, services
         self.setWindowTitle(f"Readings of {path.name}")
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
-        self.resize(style.FORM_WIDTH, style.WINDOW_MINIMUM[1])
+        self.resize(style.FORM_WIDTH, style.list_height(self))
         readings = ReadingsModel.of_closed(path, services.undo)
         readings.units = units
         self.table = ReadingsTable(readings, services)

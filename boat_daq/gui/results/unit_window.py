@@ -48,7 +48,7 @@ class UnitWindow(QDialog):
         self.setWindowTitle(f"{model.title} over time")
         self.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         available = self.screen().availableSize()
-        self.resize(min(_SIZE[0], available.width()), min(_SIZE[1], available.height()))
+        self.resize(min(_SIZE[0], available.width()), min(max(_SIZE[1], style.list_height(self)), available.height()))
         self.cards = {title: PlotCard(title, text) for title, text in EXPLANATIONS.items()}
         for title, unit in ((CURVES_TITLE, "mV"), (DIFFERENCES, "mV")):
             self.cards[title].add(

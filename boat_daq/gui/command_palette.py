@@ -26,7 +26,7 @@ from boat_daq.gui.widgets import controls
 
 T = TypeVar("T")
 _PICTURE = 720  # width of a picture of the tutorial, px
-_AROUND = 5 * style.STRIP_HEIGHT  # header with the readouts above the tutorial, and the strip below it
+_ABOVE, _BELOW = 4 * style.STRIP_HEIGHT, 2 * style.STRIP_HEIGHT  # of the tutorial: header, readouts; title bar, strip
 SHEET = (("Session", "Edit"), ("Run", "View", "Results"), (PAGES, "Help"))  # the menus in columns
 SCATTERED = 3  # score of letters that are only in their order
 ARROWS = (Qt.Key.Key_Down, Qt.Key.Key_Up)
@@ -205,10 +205,9 @@ class Tutorial(QDialog):
             QTextCursor(block).setBlockFormat(space)
             block = block.next()
         self.setLayout(controls.column(self.shown))
-        size = QSize(_PICTURE + 2 * style.STRIP_HEIGHT, parent.height() - _AROUND)
+        size = QSize(_PICTURE + 2 * style.STRIP_HEIGHT, parent.height() - _ABOVE - _BELOW)
         self.resize(size)
-        above_strip = QPoint((parent.width() - size.width()) // 2, parent.height() - style.STRIP_HEIGHT - size.height())
-        self.move(parent.mapToGlobal(above_strip))
+        self.move(parent.mapToGlobal(QPoint((parent.width() - size.width()) // 2, _ABOVE)))
 
 
 class _Pages(QTextBrowser):

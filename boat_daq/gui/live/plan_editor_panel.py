@@ -13,6 +13,7 @@ from PySide6.QtWidgets import QCheckBox, QDialog, QGridLayout, QScrollArea, QWid
 
 from boat_daq.engine.plan import QUANTITIES
 from boat_daq.engine.snapshot import SessionSnapshot
+from boat_daq.formatting import typographic
 from boat_daq.gui import style
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.style import Theme
@@ -115,7 +116,7 @@ class PlanEditorPanel(QDialog):
         controls.set_text(self.summary, LOCKED if locked else model.summary if model.editable else NOT_SEGMENTS)
         for key, field in self.fields.items():
             value = getattr(model.plan, key)
-            controls.set_text(field, value if key == "name" else f"{value:g}")
+            controls.set_text(field, value if key == "name" else typographic(f"{value:g}"))
         self.quantity.setCurrentIndex(self.quantity.findData(model.plan.quantity))
         self._fill()
         self._draw((limits.min_kpa, limits.max_kpa) if limits else None)
@@ -154,7 +155,7 @@ class PlanEditorPanel(QDialog):
         row: dict[str, Any] = {"kind": kind}
         for key, (heading, of) in COLUMNS.items():
             used = segment.kind in of
-            value = f"{getattr(segment, key):g}" if used else ""
+            value = typographic(f"{getattr(segment, key):g}") if used else ""
             row[key] = controls.field(f"{heading.partition(' ')[0]} of segment {n}", value, width=CELL_WIDTH)
             row[key].setEnabled(used)
             row[key].editingFinished.connect(partial(self._set, i, key, row[key]))

@@ -188,7 +188,7 @@ class Header(QWidget):
         self._unit_text = self.unit_in_use.text(snapshot)
         self.link.setToolTip("\n".join((_CHOOSE, words, *(figure for figure, _ in text.figures))))
         library = "simulated" if snapshot.simulated else "real"
-        self.unit.setToolTip(f"{self._unit_text.whole}\nThe connected unit and its calibration as a {library} unit")
+        self.unit.setToolTip(f"{self._unit_text.whole}\nThe unit in use and its calibration as a {library} unit")
         widths = ((len(figure), state) for figure, state in text.figures)
         lengths = (
             words,

@@ -53,7 +53,7 @@ class DefaultsTable(DataTable):
         first = (str(_NUMBERS[d.name]), METHOD_NAMES[d.name], d.setting.replace(" x ", " \u00d7 "))
         if not d.measured:
             return (*first, "", "failed" if d.unit else "", "")
-        share = number(100 * d.share, 0) if d.share >= LEAST_SHARE else LESS
+        share = number(100 * d.share, 0) if d.share >= _LEAST_SHARE else LESS
         return (*first, duration_text(d.seconds, 2), quantity(d.error, d.unit), f"{share} %")
 
 
@@ -69,7 +69,7 @@ SHARE_TIP = "Error in percent of the tolerance; up to 50 % is sufficient"
 _HEADINGS = ("No.", "Method", "Default", "Time", "Error", "Of tolerance")
 _KEY = "● a method   ■ a whole job   lower: more exact   further left: faster"
 _NUMBERS = {name: number for number, name in enumerate(METHOD_NAMES, 1)}
-LEAST_SHARE, LESS = 0.01, "< 1"
+_LEAST_SHARE, LESS = 0.01, "< 1"
 """Smaller errors are drawn here, with their number so marked: the others are apart."""
 _SIDE_WIDTH = style.PANE_WIDTH_NARROW + 4 * style.STEP
 MARGIN_DECADES = 0.25
@@ -106,11 +106,11 @@ class OverviewCard(PlotCard):
 
     def show_defaults(self) -> None:
         places = {
-            d.name: (math.log10(d.seconds), math.log10(100.0 * max(d.share, LEAST_SHARE)))
+            d.name: (math.log10(d.seconds), math.log10(100.0 * max(d.share, _LEAST_SHARE)))
             for d in self.model.defaults
             if d.measured
         }
-        less = {d.name for d in self.model.defaults if d.share < LEAST_SHARE}
+        less = {d.name for d in self.model.defaults if d.share < _LEAST_SHARE}
         for job, layer in self.points.items():
             chosen = [at for name, at in places.items() if (name in JOB_NAMES) is job]
             layer.set(np.array([x for x, _ in chosen]), np.array([y for _, y in chosen]))

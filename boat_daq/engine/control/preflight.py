@@ -91,7 +91,7 @@ class Preflight:
         if not vented:
             return Check(
                 "zero",
-                UnitText("the unit is under pressure (", Quantity(recent_kpa, "kPa", ".1f"), ")"),
+                UnitText("the unit is not vented (", Quantity(recent_kpa, "kPa", ".1f"), ")"),
                 "vent it first",
             )
         if not abs(recent_kpa) <= tolerance_kpa:

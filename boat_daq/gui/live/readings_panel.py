@@ -157,7 +157,7 @@ class ReadingBar(QFrame):
         step, text, readings = self.step_id, self.field.text(), self.run.readings
         at = readings.leave(step, text) if step is not None else ""
         if at and step is not None:
-            cause = f"{text} {readings.unit} was typed at {at}, but not entered before the run continued"
+            cause = f'"{text}" was typed at {at}, but not entered before the run continued'
             offer = ("Enter it there", partial(readings.enter, step, text))
             why = readings.warning(step, text).partition("? ")[2]
             remedy = " ".join(filter(None, (why and f"{why}.", "It is kept in the table of readings.")))

@@ -105,4 +105,4 @@ class CertificatePanel(FormDialog):
         self._follow()
 
     def _write(self) -> None:
-        ask_save(self, self.services, f"{self.model.path.stem}_certificate", "pdf", self.model.write, done="")
+        ask_save(self, self.services, f"{self.model.path.stem} certificate", "pdf", self.model.write, done="")

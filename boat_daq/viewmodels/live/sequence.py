@@ -475,6 +475,9 @@ def progress_text(snapshot: SessionSnapshot, leave_out: int = 0, units: ShownUni
         return as_shown(ended.cause, units)
     if snapshot.why_read_only:
         return f"read only: {snapshot.why_read_only}"
+    last = snapshot.last
+    if snapshot.state is SessionState.ARMED and last is not None and math.isfinite(last.target_kpa):
+        return f"{target(last.target_kpa, units)} is held: press VENT before Start"
     if progress is None:
         held = elongation_text(snapshot, units)
         return held[:1].lower() + held[1:]
@@ -486,12 +489,17 @@ def progress_text(snapshot: SessionSnapshot, leave_out: int = 0, units: ShownUni
         return "   ".join(((broken, left, again), (broken, left), (broken,))[leave_out])
     where = f"cycle {progress.cycle} of {progress.cycles}" if progress.cycle else "first plateau"
     where += f", {len(progress.incomplete_cycles)} repeated" if progress.incomplete_cycles else ""
-    step = f"step {progress.step} of {progress.steps}"
+    vented = progress.branch == "end"  # the last mark of a run
+    step = f"{_step_word(snapshot.plan)} {progress.step - vented} of {progress.steps - vented}"
     phase = PHASE_WORDS.get(progress.phase, progress.phase.value)
     mm = progress.target_mm
     goal = target(progress.target_kpa, units) if mm is None else in_units(units, "mm", mm, 2)
     parts = ((where, step, left, f"{phase} at {goal}"), (where, step, left), (where, left))
     return "   ".join(parts[leave_out])
+
+
+def _step_word(plan: Plan | None) -> str:
+    return "plateau" if plan is not None and plan.kind == "staircase" else "step"
 
 
 def done_s(plan: Plan, snapshot: SessionSnapshot) -> float:

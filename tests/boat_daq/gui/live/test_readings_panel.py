@@ -206,7 +206,7 @@ def test_half_typed_reading_does_not_land_on_the_next_plateau(running):
     at_plateau(running, LATER)
     assert (bar.field.text(), session.kept) == ("", [])
     notice = running.model.notices.current()
-    assert notice.cause == "1.5 mm was typed at +20 kPa, unloading, cycle 1, but not entered before the run continued"
+    assert notice.cause == '"1.5" was typed at +20 kPa, unloading, cycle 1, but not entered before the run continued'
     running.strip.refresh()
     running.strip.apply()
     assert [(r.step_id, r.elongation_mm) for r in session.kept] == [(4, 1.5)]

@@ -152,9 +152,9 @@ def test_a_refused_first_pressure_deletes_the_recording_of_its_run(tmp_path, mon
         run.follow(dataclasses.replace(connected(), recording=path, refused_first=True))
         assert path.exists() is begun_before
         path.touch()
-        run.sequence.press.side_effect = RequestError("the unit is under pressure", "vent it first")
+        run.sequence.press.side_effect = RequestError("the unit is not vented (0.0 kPa)", "vent it first")
         run.press("start")
-        with pytest.raises(RequestError, match="under pressure"):
+        with pytest.raises(RequestError, match="not vented"):
             run.services.notices.attempt.call_args.args[0]()
         run.sequence.press.side_effect = None
         assert path.exists() is begun_before

@@ -149,6 +149,9 @@ def test_progress_in_a_line():
     progress = Progress(9, 37, 1, 2, 0, (), "unloading", Phase.WAITING_FOR_READING, -30.0, 3.0, 60.0, 227.0)
     text = progress_text(dataclasses.replace(connected(), progress=progress))
     assert text == "cycle 1 of 2   step 9 of 37   3:47 left   waiting for the reading at \u221230 kPa"
+    ending = dataclasses.replace(progress, step=38, steps=38, cycle=2, branch="end", phase=Phase.VENTING)
+    text = progress_text(dataclasses.replace(connected(), progress=ending, plan=PLAN))
+    assert text.startswith("cycle 2 of 2   plateau 37 of 37")  # it was "step 38 of 38" of 37 plateaus
     paused = dataclasses.replace(progress, phase=Phase.VENTING)
     text = progress_text(dataclasses.replace(connected(), progress=paused, state=SessionState.PAUSED))
     assert text == "cycle 1 interrupted   3:47 left   will be repeated as cycle 2"  # the button: Resume at cycle 2
@@ -204,6 +207,8 @@ def test_what_is_held_without_a_run_is_named():
     on_the_way = dataclasses.replace(held, setpoint_mm=1.2)
     assert shown(elongation=on_the_way)[0] == "\u25cf Moving to +2.00 mm at +30 kPa"
     assert shown()[0] == "\u25cf Holding +30 kPa"
+    armed = shown(state=SessionState.ARMED, last={"target_kpa": 0.0, "pressure_kpa": 0.0})
+    assert armed == ("\u25d4 Armed", "0 kPa is held: press VENT before Start")  # while Start is refused
     assert shown(last={"pressure_kpa": 12.0})[0] == "\u25cf Moving to +30 kPa"
     assert shown(last={"target_kpa": math.nan, "pressure_kpa": 0.2})[0] == "\u25cb Idle"
 

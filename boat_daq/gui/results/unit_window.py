@@ -125,7 +125,8 @@ class UnitWindow(QDialog):
             for line, curve in zip(lines, curves, strict=False):
                 line.set(*(curve.T if title == CURVES_TITLE else _less(curve, curves[0])))
             plot.fit()
-            card.readout.setText("dark first, light last; numbers as in the table")
+            numbered = "; numbers as in the table" if title == DIFFERENCES else ""
+            card.readout.setText(f"dark first, light last{numbered}")
         self.numbers.set(number_labels([(line.x, line.y) for line in lines[: len(curves)]]))
 
     def _draw_times(self) -> None:

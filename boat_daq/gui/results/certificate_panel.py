@@ -51,13 +51,14 @@ class CertificatePanel(FormDialog):
         side = QScrollArea()
         side.setWidgetResizable(True)
         side.setFrameShape(QFrame.Shape.NoFrame)
-        side.setFixedWidth(style.PANE_WIDTH)
+        screen = self.screen().availableSize()
+        wide = screen.width() >= style.CERTIFICATE_WIDTH
+        side.setFixedWidth(style.PANE_WIDTH_WIDE if wide else style.PANE_WIDTH)
         entries = controls.inside(controls.column(self.outcome, self.words, form, None, spacing=style.GAP))
         entries.setContentsMargins(0, 0, style.GAP, 0)  # beside its scroll bar
         side.setWidget(entries)
         shown = controls.row(side, (self.area, 1))
         self.setLayout(controls.column((shown, 1), buttons, spacing=style.GAP, margins=(style.PAGE_MARGIN,) * 4))
-        screen = self.screen().availableSize()
         self.resize(min(style.CERTIFICATE_WIDTH, screen.width()), int(PAGE_SCALE * screen.height()))
         next(iter(fields.values()), self.update_button).setFocus()
         services.notices.attempt(model.show)

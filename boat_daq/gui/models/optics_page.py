@@ -377,9 +377,9 @@ class OpticsPage(ReflowingPage):
     def refresh(self, snapshot: SessionSnapshot | None = None) -> None:
         """Show design and sweep where they have changed; the first call traces the paper's design."""
         model = self.model
-        held = snapshot is not None and (snapshot.state in UNDER_WAY or _is_held(snapshot))
-        model.blocked = RUNNING if held else ""
-        waited = model.problem == RUNNING and not held
+        if snapshot is not None:
+            model.blocked = RUNNING if snapshot.state in UNDER_WAY or _is_held(snapshot) else ""
+        waited = model.problem == RUNNING and not model.blocked
         if waited or (model.result is None and not model.running("optics") and not model.problem):
             model.choose(model.values)
         self._show_buttons()

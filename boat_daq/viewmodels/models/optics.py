@@ -296,7 +296,7 @@ class OpticsModel:
         """Return the design's figures in a line, or why they are not there yet."""
         r, before = self.result, f"   {_BEFORE}" if self.outdated else ""
         if self.problem:
-            return f"\u25b2 {self.problem}{before}"
+            return f"\u25b2 {self.problem}{before}" if r is not None else ""  # else it is in place of the plot
         if r is None or self.outdated:
             return self._progress_text() + before
         m, increases = r.merit, count(int(r.merit.n_sign), "increase")

@@ -182,8 +182,10 @@ def test_nothing_is_traced_by_itself_during_a_run(qtbot, app_model, monkeypatch)
     assert FakeJob.made == []
     assert "until the run has ended" in shown.scene.empty_text.text()
     assert not any(b.isEnabled() for b in (shown.sweep_button, shown.best_button, shown.paper_button))
+    shown.fields["width"].activated.emit(0)
     app_model.optics.show_place(1)
-    assert "until the run has ended" in app_model.optics.design_text()
+    assert (FakeJob.made, app_model.optics.design_text()) == ([], "")
+    assert "until the run has ended" in shown.response.empty_text.text()
     for state in (SessionState.IDLE, SessionState.ARMED):
         shown.refresh(dataclasses.replace(connected(), state=state))  # +30 kPa by hand
     assert FakeJob.made == []

@@ -411,6 +411,7 @@ class Strip(QWidget):
     def cancel_job(self) -> None:
         for job in self.jobs.running()[-1:]:
             job.cancel()
+            self.notices.inform(f"{job.label}: cancelled")
 
 
 _KEY = "Ctrl+R"

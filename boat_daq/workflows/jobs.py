@@ -138,8 +138,9 @@ class Job:
         self.target: Path | None = None  # that it writes: no part of it is left where it is cancelled
         if _prepared:
             self._pipe, self._process = _prepared.pop()
-            self._pipe.send((function, args, kwargs))
-            return
+            with suppress(OSError):  # it has died since
+                self._pipe.send((function, args, kwargs))
+                return
         self._pipe, child = _SPAWN.Pipe(duplex=False)
         self._process = _SPAWN.Process(target=_run, args=(child, function, args, kwargs), daemon=True)
         self._process.start()
@@ -155,7 +156,7 @@ class Job:
         while self.state is JobState.RUNNING and self._pipe.poll():
             try:
                 state, value = self._pipe.recv()
-            except EOFError:
+            except (EOFError, OSError):  # a reset, where it died with the job unread
                 self._process.join(0.2)
                 details = f"exit code {self._process.exitcode}"
                 cause = f"{self.label}: the process ended without a result"

@@ -279,6 +279,7 @@ class RunsModel:
             "Making the report", report_runs, paths, target, curve=curve, level=self.fidelity.level,
             units=self.shown_units,
         )  # fmt: skip
+        job.target = target
         self.start(f"report {target}", job, lambda _: self._notices.inform_saved(target))
 
     def start(self, name: str, job: Job, done: Callable[[Any], object]) -> None:

@@ -67,6 +67,7 @@ def test_job_has_a_progress_bar_and_a_cancel(live):
     run_command(live, "Cancel task")
     live.refresh()
     assert job.state.value == "cancelled"
+    assert live.model.notices.history[-1].cause.endswith(": cancelled")  # else a report that was asked for is lost
     assert not live.strip.bar.isVisible()
 
 

@@ -81,6 +81,18 @@ def test_refusal_keeps_its_remedy_and_crash_is_reported():
     assert "ended without a result" in crashed.failure.cause
 
 
+@pytest.mark.parametrize("wait_s", [0.0, 30.0])
+def test_job_of_a_helper_that_died_ends_in_a_result_or_a_cause(wait_s):
+    """A helper that died with the job unread raised in every poll; to one that is gone no job could be sent."""
+    prepare(leave)
+    until(lambda: not wait_s or not jobs._prepared[0][1].is_alive(), wait_s + 1.0)
+    job = Job("Squaring", slow_square, 12)
+    until(lambda: job.poll() is not JobState.RUNNING, 30.0)
+    ended = job.failure.cause if job.failure is not None else job.result
+    assert ended in {"Squaring: the process ended without a result", 144}
+    assert not wait_s or ended == 144
+
+
 def test_cancelled_job_ends_and_frees_its_slot(tmp_path):
     """A cancelled job ends at once, and its slot in the runner is free; what it has begun to write is removed."""
     runner, ended = JobRunner(), []

@@ -14,7 +14,7 @@ from time import monotonic
 from typing import Any
 
 import numpy as np
-from PySide6.QtCore import QCoreApplication, QEvent, QObject, QPointF, Qt, Signal
+from PySide6.QtCore import QCoreApplication, QEvent, QObject, QPointF, QRectF, Qt, Signal
 from PySide6.QtGui import QResizeEvent
 from PySide6.QtWidgets import QGraphicsView, QMenu
 
@@ -394,6 +394,10 @@ class LivePlots(PlotCard):
             if shown:
                 self._hairs[plot].label.setFormat(texts[plot])
                 self._hairs[plot].setValue(values["time_s"])
+        for plot, line in self._markers:  # a note below the value at the mouse is not seen in part
+            hair = self._hairs.get(plot)
+            value = hair.label.sceneBoundingRect() if hair is not None and hair.isVisible() else QRectF()
+            line.label.setVisible(not value.intersects(line.label.sceneBoundingRect()))
 
     def _texts(self, values: Mapping[str, float]) -> dict[Plot, str]:
         """Return what each plot shows of the values at the mouse; the lowest one their time, too."""

@@ -139,13 +139,12 @@ class ReadingBar(QFrame):
         without_cycle = self._due.rpartition(", ")[0]  # which the line of the run names, too
         if warning:
             keep, again = ("Keep ", f", {AGAIN}" if self._short else "") if self._doubted is not None else ("", "")
-            why = f"?{' ' if self._narrow else NEW_LINE}{warning.partition('? ')[2]}{again}"
-            places = (f"a{place[1:]}" for place in (without_cycle, self._due.partition(", ")[0]))  # At -> at
-            whole, short = (f"\u25b2 {keep}{text.strip()} {place}{why}" for place in places)
-            controls.set_text(self.question, whole, shorter=short)
+            place, why = without_cycle + (": " if self._narrow else NEW_LINE), warning.partition("? ")[2] + again
+            whole = f"\u25b2 {place}{keep}{text.strip()}? {why}"
+            controls.set_text(self.question, whole, shorter=f"\u25b2 {place}{why}")
         else:
             controls.set_text(self.question, self._due, shorter=without_cycle)
-        controls.set_state(self.question, "small" if warning and not self._narrow else "set", "role")
+        controls.set_state(self.question, "small" if warning else "set", "role")
         self._show_unit()
         controls.set_state(self.question, "warning" if warning else "")
         if self.field.accessibleDescription() != warning:

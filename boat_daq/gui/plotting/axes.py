@@ -117,6 +117,8 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
         known = (self._known(minVal, maxVal), size) if self.time else None
         if known is None or self._step_of != known:
             step = axis.time_step(span) if self.time else axis.tick_step(span, math.inf if below else size)
+            if not below and size > 0.0 < span:
+                step = axis.finer_step(minVal, maxVal, step, size)
             if self.whole:
                 step = max(1.0, step)
             while below and 0.0 < size < span / step * self._label_width(minVal, maxVal, step):

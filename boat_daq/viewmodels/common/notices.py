@@ -218,6 +218,8 @@ class SessionMessages:
         before, self._failing = self._failing, bool(snapshot.not_saving)
         if snapshot.recording is None or (before and not self._failing):
             self._settle(self._of_disk)
+        if before and not self._failing and snapshot.recording is not None:
+            self._notices.add(Severity.INFORMATION, "the recording is saved again")
         if snapshot.recording is None or (snapshot.health is not None and not snapshot.health.late):
             self._settle(self._of_slow_disk)
         if connected:

@@ -16,6 +16,7 @@ from protocol.base.units import MINUS
 
 LADDER = (1.0, 2.0, 5.0)
 TICK_PX = 14.0  # of one label
+LEAST_PX, END_PX = 10.0, 1.0  # between two labels at least; of a label from the end of its axis
 CONSTANT_RANGE = 1e-9  # of a value: a range so narrow is that of a constant
 DIVISIONS = 7  # at most so many labelled ticks over a range
 
@@ -30,6 +31,18 @@ def tick_step(span: float, room_px: float = math.inf) -> float:
     """Return the spacing of labelled ticks over a range of `span` drawn on `room_px` pixels."""
     divisions = min(DIVISIONS, max(2.0, room_px / TICK_PX))
     return rung(span / divisions) if span > 0 and math.isfinite(span) else 1.0
+
+
+def finer_step(low: float, high: float, step: float, room_px: float) -> float:
+    """Return the step, or a finer one with two labels between the ends of a range on `room_px` pixels if they fit."""
+    end = END_PX * (high - low) / room_px
+
+    def labels(step: float) -> int:
+        return math.floor((high - end) / step) - math.ceil((low + end) / step) + 1
+
+    while labels(step) < 2 and (finer := rung(step / 2.5)) * room_px >= LEAST_PX * (high - low):
+        step = finer
+    return step
 
 
 def framed(low: float, high: float, *, smallest: float = 0.0) -> tuple[float, float]:

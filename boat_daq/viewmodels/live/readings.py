@@ -232,7 +232,7 @@ class ReadingsModel:
         fits = 2 * far <= len(read)  # else the unit is not the model's
         why = self._beyond_nominal(step.target_kpa, mm) if fits else ""
         if apart_mm == apart_mm:
-            why = f"the other readings give {self.text(mm - apart_mm)}"
+            why = f"other readings give {self.text(mm - apart_mm)}"
         elif not why and any(x == mm and abs(o.target_kpa - step.target_kpa) > APART_KPA for o, x in before):
             why = f"the same as at {target(before[0][0].target_kpa, self.units)}"
         return f"{self.text(mm)}? {why[:1].upper()}{why[1:]}" if why else ""

@@ -487,8 +487,10 @@ def progress_text(snapshot: SessionSnapshot, leave_out: int = 0, units: ShownUni
         if progress.cycle:
             broken, again = f"cycle {progress.cycle} interrupted", f"will be repeated as cycle {progress.cycle + 1}"
         return "   ".join(((broken, left, again), (broken, left), (broken,))[leave_out])
-    where = f"cycle {progress.cycle} of {progress.cycles}" if progress.cycle else "first plateau"
-    where += f", {len(progress.incomplete_cycles)} repeated" if progress.incomplete_cycles else ""
+    where, broken_cycles = "first plateau", len(progress.incomplete_cycles)
+    if progress.cycle and progress.branch != "start":
+        where = f"cycle {progress.cycle} of {progress.cycles}"
+        where += f", {broken_cycles} repeated" if broken_cycles else ""
     vented = progress.branch == "end"  # the last mark of a run
     step = f"{_step_word(snapshot.plan)} {progress.step - vented} of {progress.steps - vented}"
     phase = PHASE_WORDS.get(progress.phase, progress.phase.value)

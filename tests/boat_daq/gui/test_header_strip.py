@@ -192,4 +192,4 @@ def test_a_slow_disk_that_recovered_leaves_no_warning(make):
     assert window.header.recording.badge.text() == "\u25a0 NOT SAVING"
     session.change(not_saving="")
     window.refresh()
-    assert window.strip.text.text() == ""
+    assert window.strip.text.text() == "The recording is saved again."

@@ -168,6 +168,7 @@ def test_values_at_the_mouse_are_shown_in_each_plot(live):
     live.model.live.inverse = lambda mv: LiveElongation(
         (mv[:, 0] - 1638) / 40, np.full(len(mv), 0.1), np.zeros(len(mv), bool)
     )
+    live.model.live.markers += [(273.0, "valve opened"), (250.0, "far away")]
     live.refresh()
     live.draw()
     plots = live.live.plots
@@ -183,8 +184,11 @@ def test_values_at_the_mouse_are_shown_in_each_plot(live):
         f"{number(at['pressure_kpa'], 1, sign=True)} kPa   {clock(at['time_s'])}",
     ]
     assert at["time_s"] == pytest.approx(272.0, abs=0.2)
+    notes = [line.label for _, line in plots._markers]
+    assert [note.isVisible() for note in notes] == [False, True]  # "ed" of the first stood beside the value
     QApplication.sendEvent(plots.view.viewport(), QEvent(QEvent.Type.Leave))
     assert not any(hair.isVisible() for hair in plots._hairs.values())
+    assert all(note.isVisible() for note in notes)
     QTest.mouseMove(plots.view.viewport(), place)
     assert plots._hairs[plots.pressure].isVisible()
     menu_of(live, plots.pressure, 272.0)  # after it the mouse is elsewhere: the values stood over the data

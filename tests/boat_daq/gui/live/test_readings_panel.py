@@ -243,7 +243,7 @@ def test_implausible_reading_is_warned_of_beside_its_field(running):
     assert bar.question.property("state") == ""
     QTest.keyClicks(bar.field, "4")
     model = "Model +1.4 \u00b10.6 mm"  # its own band, as in the pane of the shadow; the grid's is added to it
-    assert bar.question.text() == f"\u25b2 14 at +20 kPa, unloading?\n{model}"
+    assert bar.question.text() == f"\u25b2 At +20 kPa, unloading\n14? {model}"
     assert bar.question.property("state") == "warning"
     assert "Model" in bar.field.accessibleDescription()
     running.refresh()
@@ -251,12 +251,12 @@ def test_implausible_reading_is_warned_of_beside_its_field(running):
     QTest.keyClick(bar.field, Qt.Key.Key_Return)
     running.refresh()
     assert running.model.session.kept == []
-    assert bar.question.shorter == f"\u25b2 Keep 14 at +20 kPa?\n{model}"
+    assert bar.question.text() == f"\u25b2 At +20 kPa, unloading\nKeep 14? {model}"
     assert bar.unit.text() == "mm, Enter again"
     assert "\u2026" not in bar.question.fitting(bar.question.width())
     bar.fold(narrow=True, low=True)  # the words beside the field were cut
     running.refresh()
-    assert bar.question.text() == f"\u25b2 Keep 14 at +20 kPa, unloading? {model}, Enter again"
+    assert bar.question.text() == f"\u25b2 At +20 kPa, unloading: Keep 14? {model}, Enter again"
     assert bar.unit.text() == "mm"
     QTest.keyClicks(bar.field, "14")  # in its place
     QTest.keyClick(bar.field, Qt.Key.Key_Return)

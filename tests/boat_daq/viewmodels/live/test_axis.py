@@ -24,6 +24,16 @@ def test_framed_range_holds_its_data_on_the_ladder(low, span):
     assert round(step / 10 ** math.floor(math.log10(step) + 1e-9)) in (1, 2, 5, 10)
 
 
+@given(st.floats(-1e4, 1e4), st.floats(1e-3, 1e4), st.floats(51.0, 400.0))
+def test_an_axis_has_two_labels_where_they_fit(low, span, room_px):
+    """A low plot had one label, 1700, and no scale: values could not be read."""
+    high, end = low + span, span / room_px
+    step = axis.finer_step(low, high, axis.tick_step(span, room_px), room_px)
+    ticks = [n * step for n in range(math.ceil(low / step) - 1, math.floor(high / step) + 2)]
+    assert len([tick for tick in ticks if low + end <= tick <= high - end]) >= 2
+    assert step * room_px / span >= 9.99
+
+
 @pytest.mark.parametrize(("value", "least"), [(0.0, 0.5), (1500.0, 100.0), (-3e-13, 0.5)])
 def test_framed_range_of_a_constant_shows_no_rounding(value, least):
     """One value, or the rounding of one, is no range of 1e-9 with ticks of 4e-10."""

@@ -192,7 +192,7 @@ def test_reading_off_the_curve_so_far_is_named_without_a_nominal():
     model = ReadingsModel(session, UndoHistory())
     right = elongation(session.marks[-1])
     assert model.warning(900, f"{right}") == ""
-    assert f"other readings give {right:+.0f}"[:-1] in model.warning(900, f"{right + 2}").replace("\u2212", "-")
+    assert f"Other readings give {right:+.0f}"[:-1] in model.warning(900, f"{right + 2}").replace("\u2212", "-")
 
 
 def test_row_far_from_the_nominal_is_marked():

@@ -185,9 +185,9 @@ def uncertainty_over_x(u_elongation: Sequence[FloatArray], ax: Axes) -> None:
     """Draw U of an elongation over the calibrated range, of each sensor [points, 2] x and U, mm; NaN where unknown."""
     for i, u in enumerate(u_elongation):
         named = f"sensor {i + 1}" if u.size else None
-        ax.plot(u[:, 0], 1000.0 * u[:, 1], color=style.sensor_colour(i), label=named)
+        ax.plot(u[:, 0], u[:, 1], color=style.sensor_colour(i), label=named)
     ax.set_ylim(bottom=0.0)
-    ax.set(xlabel="elongation, mm", ylabel="U, µm", title="Expanded uncertainty, k = 2")
+    ax.set(xlabel="elongation, mm", ylabel="U, mm", title="Expanded uncertainty, k = 2")
     legend(ax)
 
 

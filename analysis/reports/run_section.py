@@ -305,7 +305,7 @@ def _budget_table(found: ElongationBudgets) -> ReportTable:
                 missing.setdefault(source.removeprefix("not assessed: "), []).append(name)
             continue
         both = [
-            (f"{1000 * c.contribution:.1f}", percent(own[name], 1)) if c.assessed else (NOTHING, NOTHING)
+            (f"{c.contribution:.4f}", percent(own[name], 1)) if c.assessed else (NOTHING, NOTHING)
             for c, own in zip(parts, shares, strict=True)
         ]
         rows.append((name, *sum(both, ()), source))
@@ -315,16 +315,14 @@ def _budget_table(found: ElongationBudgets) -> ReportTable:
         )
     )
     covers = " / ".join(dict.fromkeys(NOTHING if b.void else percent(b.coverage) for b in budgets))
-    combined = (t for b in budgets for t in ((NOTHING, NOTHING) if b.void else (f"{1000 * b.u:.1f}", "100 %")))
+    combined = (t for b in budgets for t in ((NOTHING, NOTHING) if b.void else (f"{b.u:.4f}", "100 %")))
     expanded = (
-        t
-        for b in budgets
-        for t in (NOTHING if b.void else f"{1000 * b.expanded:.0f}{', stated' if b.stand_in else ''}", "")
+        t for b in budgets for t in (NOTHING if b.void else f"{b.expanded:.3f}{', stated' if b.stand_in else ''}", "")
     )
     known = not all(b.void for b in budgets)
     rows.append(("combined", *combined, f"effective degrees of freedom {dof}" if known else ""))
     rows.append(("expanded, k = 2", *expanded, f"covers about {covers}" if known else ""))
-    heads = (t for i in range(1, len(budgets) + 1) for t in (f"sensor {i}, µm", "share"))
+    heads = (t for i in range(1, len(budgets) + 1) for t in (f"sensor {i}, mm", "share"))
     halves = (f"U is not known: {b.void}" if b.void else b.what_halves_it() for b in budgets)
     lines = [f"At x = {found.x_mm:+z.2f} mm, the middle of the range"]
     lines += [f"Not assessed: {', '.join(names)} ({why})" for why, names in missing.items()]

@@ -102,7 +102,7 @@ def history_tables(history: UnitHistory, number: int) -> tuple[ReportTable | str
         b1, u = ((part[k, 1] if part.shape[1] > 1 else np.nan) for part in (history.coefficients, history.std_errors))
         rows.append((
             date_of(when), with_uncertainty(float(b1), 2.0 * float(u)) if np.isfinite(b1) else NOTHING,
-            with_uncertainty(float(value), float(expanded)), f"{1000 * mm:.0f}" if np.isfinite(mm) else NOTHING,
+            with_uncertainty(float(value), float(expanded)), f"{mm:.3f}" if np.isfinite(mm) else NOTHING,
             rounded(float(en), 0.1) if np.isfinite(en) else NOTHING, _finding(float(en), k in history.out_of_control),
         ))  # fmt: skip
     limits = ""
@@ -112,7 +112,7 @@ def history_tables(history: UnitHistory, number: int) -> tuple[ReportTable | str
         f"Sensor {number} at x = {history.check_point_mm:g} mm: mean {_value(history, history.centre_mv)} mV{limits}; "
         "U with k = 2; |En| above 1 is disagreement."
     )
-    header = ("calibrated", "b1 ± U, mV/mm", "y(x0) ± U, mV", "U of x, µm", "En", "finding")
+    header = ("calibrated", "b1 ± U, mV/mm", "y(x0) ± U, mV", "U at x0, mm", "En", "finding")
     sentence = history.interval.sentence
     return ReportTable(header, tuple(rows), caption), f"{sentence[0].upper()}{sentence[1:]}."
 
@@ -176,10 +176,10 @@ def _coefficient(history: UnitHistory, sensor: int, ax: Axes) -> None:
 
 def _uncertainty(history: UnitHistory, sensor: int, ax: Axes) -> None:
     """U of an elongation at the check point of every calibration, over dates."""
-    _over_dates(history, 1000.0 * history.expanded_mm, ax, sensor)
+    _over_dates(history, history.expanded_mm, ax, sensor)
     if np.isfinite(history.expanded_mm).any():
         ax.set_ylim(0.0, 1250.0 * float(np.nanmax(history.expanded_mm)))
-    ax.set(ylabel="U, µm", title=f"Uncertainty at {history.check_point_mm:g} mm, k = 2")
+    ax.set(ylabel="U, mm", title=f"Uncertainty at {history.check_point_mm:g} mm, k = 2")
 
 
 def _over_dates(

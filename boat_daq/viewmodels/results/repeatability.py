@@ -51,7 +51,12 @@ CYCLE_FIGURES = (
         "Drift", "From the mean", "% FSO", DRIFT_KEY, "signal at the highest (filled) and the lowest level", "drift"
     ),
     CycleFigure(
-        "Hysteresis", "Hysteresis", "% FSO", HYSTERESIS_KEY, "single cycles", "the mean loop, which has the limit,"
+        "Hysteresis",
+        "Hysteresis",
+        "% FSO",
+        HYSTERESIS_KEY,
+        "single cycles",
+        "the mean loop, to which the limit applies,",
     ),
     CycleFigure("Sensitivity", "Sensitivity", "mV/mm", SENSITIVITY_KEY),
     CycleFigure("SNR", "SNR", "dB", SNR_KEY),

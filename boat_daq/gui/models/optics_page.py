@@ -42,6 +42,8 @@ _COLUMNS = 3  # of maps
 SHADES = 64
 SCALE_WIDTH = 68
 ON_GRID_MM = 1e-6
+MARK = 10  # pixels: about as high as a cell on a small page
+CORNERS = 0.5 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]])  # of a cell, from its middle
 _STRIP_MARGIN = 0.02  # of the strip, for the marks at its ends
 RELATIVE = "P / best P"
 SWEEP_FIRST = "Press \u201cSweep all designs\u201d to "
@@ -135,7 +137,8 @@ class MeritMap:
         card.view.addItem(self.item, row=self.row, col=self.column)
         self.image = pg.ImageItem(lut=card.shades)
         self.marks = pg.ScatterPlotItem(pen=pg.mkPen(style.LIGHT.surface, width=1), brush=None)
-        for drawn in (self.image, self.marks):
+        self.shown = pg.PlotCurveItem(pen=pg.mkPen(style.LIGHT.surface, width=1))  # about its cell: within the map
+        for drawn in (self.image, self.shown, self.marks):
             self.item.addItem(drawn)
         marks = [(i + 0.5, f"{step:g}") for i, step in enumerate(STEPS_MM)]
         for side in ("left", "bottom"):
@@ -156,13 +159,15 @@ class MeritMap:
     def show_sweep(self, sweep: SweepSummary, cavities: int) -> None:
         """Draw one map and mark the best design, the paper's optimum and the one shown, where they are in it."""
         self.image.setImage(sweep.grid(cavities, self.width_mm, STEPS_MM), levels=(0.0, 1.0))
-        marked = [(sweep.values[sweep.best], "star", 12)]
+        marked = [(sweep.values[sweep.best], "star")]
         if sweep.paper >= 0:
-            marked.append((sweep.values[sweep.paper], "o", 12))
-        if self.model.face == MAPPED_FACE:
-            marked.append((np.array(self.model.values), "s", 17))
-        places = [(self._place(cavities, values), symbol, size) for values, symbol, size in marked]
-        self.marks.setData([{"pos": at, "symbol": symbol, "size": size} for at, symbol, size in places if at])
+            marked.append((sweep.values[sweep.paper], "o"))
+        places = [(self._place(cavities, values), symbol) for values, symbol in marked]
+        self.marks.setData([{"pos": at, "symbol": symbol, "size": MARK} for at, symbol in places if at])
+        mapped = self.model.face == MAPPED_FACE
+        cell = self._place(cavities, np.array(self.model.values)) if mapped else ()
+        x, y = (np.array(cell) + CORNERS).T if cell else (np.zeros(0), np.zeros(0))
+        self.shown.setData(x, y)
 
     def _place(self, cavities: int, values: FloatArray) -> tuple[float, ...]:
         """Return the cell of a design in this map; empty when it is in another one, or off the grid."""

@@ -39,7 +39,7 @@ class DefaultsTable(DataTable):
 
     def __init__(self) -> None:
         super().__init__("Default of each method", _HEADINGS, stretched=_HEADINGS.index("Method"), right=(0, 5))
-        self.explain({_HEADINGS.index("Of tolerance"): SHARE_TIP})
+        self.explain({_HEADINGS.index("Of tol."): SHARE_TIP})
         self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.verticalHeader().setDefaultSectionSize(style.CONTROL_HEIGHT - style.GAP)
 
@@ -66,7 +66,7 @@ MEASURE = "Measure this computer"
 MEASURE_TIP = "Takes some minutes, in a helper process"
 MEASURING = "Under way: its progress and Cancel are at the foot of the window."
 SHARE_TIP = "Error in percent of the tolerance; up to 50 % is sufficient"
-_HEADINGS = ("No.", "Method", "Default", "Time", "Error", "Of tolerance")
+_HEADINGS = ("No.", "Method", "Default", "Time", "Error", "Of tol.")
 _KEY = "● a method   ■ a whole job   lower: more exact   further left: faster"
 _NUMBERS = {name: number for number, name in enumerate(METHOD_NAMES, 1)}
 _LEAST_SHARE, LESS = 0.01, "< 1"

@@ -249,7 +249,9 @@ def test_click_on_a_map_shows_the_design(page):
     FakeJob.made[-1].bring(swept())
     update(page)
     marked = {spot.symbol(): spot.pos().toTuple() for spot in page.maps.maps[5].marks.points()}
-    assert marked == {"o": (4.5, 0.5), "s": (4.5, 0.5)}
+    assert marked == {"o": (4.5, 0.5)}
+    x, y = page.maps.maps[5].shown.getData()
+    assert (x.min(), x.max(), y.min(), y.max()) == (4.0, 5.0, 0.0, 1.0)  # about the cell, within the map
     assert [spot.symbol() for spot in page.maps.maps[2].marks.points()] == ["star"]
 
     class Click:

@@ -35,7 +35,7 @@ from protocol.base.units import NOTHING, as_text
 
 SPACING = 6  # between the parts of a value
 ELONGATION_NOTES = (("\u00b18.88 stated", "\u25b2 out of range"), ("\u00b18.88", "\u25b2 stated"))
-TARGET_NOTES = (("was +88.8 kPa",), ("\u2192 +88.8", "was +88.8"))
+TARGET_NOTES = (("was +88.8",), ("\u2192 +88.8", "was +88.8"))
 _FEW_SPANS = 3  # of which the columns have more space in the tab
 _SENSORS, _BESIDE = 4, 2  # of a board at most; of those at most whose values are beside the others
 BAND = (
@@ -432,8 +432,7 @@ class LivePage(QWidget):
         if age:  # nothing tells whether the unit is still under pressure
             for name, text in shown.items():
                 noted = text != NOTHING and name in ("kpa", "mm")  # a signal is too long for its place
-                unit = "" if self.narrow else f" {figures[name].unit.text()}"
-                figures[name].set(NOTHING, f"was {text}{unit}" if noted else "", age)
+                figures[name].set(NOTHING, f"was {text}" if noted else "", age)
             return
         for name, text in shown.items():
             figures[name].set(text)

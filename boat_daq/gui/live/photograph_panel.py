@@ -191,7 +191,7 @@ class PhotographPanel(QDialog):
         step = LOAD if self.view.picture.pixmap().isNull() else self.state.instruction
         text = step if waits or x is None else NO_PLATEAU
         warning = self.run.readings.doubt(waiting.step_id, x) if waiting is not None and x is not None else ""
-        question = f"   {self.run.readings.question(self.run.snapshot)}" if waits else ""
+        question = f"\n{self.run.readings.question(self.run.snapshot)}" if waits else ""
         controls.set_text(self.instruction, f"\u25b2 {warning}{question}" if warning else text + question)
         controls.set_state(self.instruction, "warning" if warning else "")
         controls.set_text(self.take, "Take it anyway" if warning else TAKE)

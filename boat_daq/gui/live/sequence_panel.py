@@ -278,6 +278,9 @@ class PlanForm(QScrollArea):
         self.fields = {entry.key: self._field(entry.key, entry.label, entry.help) for entry in PLAN_ENTRIES}
         self.refused = controls.label("", wrap=True, name="Why the entry is invalid")
         self.estimate = controls.label("", "muted", wrap=True)
+        policy = self.estimate.sizePolicy()
+        policy.setRetainSizeWhenHidden(True)
+        self.estimate.setSizePolicy(policy)
         self.ask_readings = QCheckBox("Wait for each reading")
         self.ask_readings.setChecked(sequence.wait_for_reading)
         self.ask_readings.toggled.connect(self._require_readings)
@@ -442,8 +445,8 @@ class PlanForm(QScrollArea):
         self.hold.setEnabled(snapshot.elongation is None)
         controls.set_text(self.elongation, elongation_text(snapshot, model.units) or why or "Not controlled")
         limits, whose = limits_text(snapshot.limits, model.units)
-        controls.set_text(self.limits, "\n".join(filter(None, (limits, why))))
-        self.limits.setToolTip(whose)
+        controls.set_text(self.limits, why or limits)
+        self.limits.setToolTip("" if why else whose)
         revision = (model.revision, self.end_at.revision, model.units, plan, model.waits_in_force(snapshot))
         if revision == self._revision:
             return

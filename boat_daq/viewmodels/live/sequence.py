@@ -321,13 +321,14 @@ class SequenceModel:
         return "Correct the marked fields of the plan first." if self.refused else ""
 
     def why_not_set(self, snapshot: SessionSnapshot) -> str:
-        """Return why no pressure and no elongation can be set by hand; empty where they can."""
+        """Return in few words why no pressure and no elongation can be set by hand; empty where they can."""
         if not snapshot.can_command:
-            return why_no_command(snapshot)
+            unheard = "Connect a board first." if snapshot.link in ENDED else "No data arrive."
+            return "The link is read only." if snapshot.why_read_only else unheard
         if snapshot.state is SessionState.FAULT:
             return "Clear the fault first."
         if snapshot.state is SessionState.ARMED:
-            return "Disarm the plan first."
+            return "Disarm first."
         return "" if "arm" in self.allowed(snapshot) else "Not during a run."
 
     def press(self, button: str) -> None:

@@ -30,7 +30,7 @@ def test_photograph_is_read_with_clicks(make, tmp_path):
     run_command(window, "Read from a photograph …")
     panel = window.live.photograph
     panel.refresh()
-    assert panel.instruction.text().endswith("   At +30 kPa, unloading, cycle 1")  # before there is a picture, too
+    assert panel.instruction.text().endswith("\nAt +30 kPa, unloading, cycle 1")  # before there is a picture, too
     picture = QPixmap(400, 200)
     picture.fill()
     QGuiApplication.clipboard().setPixmap(picture)

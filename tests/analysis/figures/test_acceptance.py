@@ -189,6 +189,8 @@ def test_a_figure_that_is_not_known_is_no_number_in_words():
     unknown = Figure(math.nan, "% FSO", 1, math.nan, math.nan)
     (statement,) = judge([sensor(Y, system_hysteresis_percent_fso=unknown)], {"hysteresis": 5.0})
     assert statement.phrase.endswith("sensor 1: not known, limit 5 % FSO")
+    (alone,) = judge([sensor(Y, sensor_hysteresis_percent_fso=unknown)], {"sensor_hysteresis": 5.0})
+    assert alone.phrase.startswith("hysteresis, sensor 1 alone: ")
     for value, text in ((5.004, "5.004"), (4.9996, "4.9996"), (5.0, "5.00"), (4.95, "4.95")):  # the side is seen
         (beyond, _) = judge(
             [sensor(Y, system_hysteresis_percent_fso=Figure(value, "% FSO", 5))] * 2, {"hysteresis": 5.0}

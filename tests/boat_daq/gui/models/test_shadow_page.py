@@ -12,6 +12,7 @@ from PySide6.QtCore import QPointF
 from PySide6.QtGui import QColor
 
 from analysis.shadow.monitoring.monitor import Alarm, CycleFigures
+from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
 from boat_daq.gui import style
 from boat_daq.gui.plotting.shadow_pane import ShadowView
 from boat_daq.viewmodels.live.shadow_live import CycleMark, ShadowPicture
@@ -73,6 +74,13 @@ def test_each_figure_of_the_cycles_can_be_drawn(page):
     page.cycles.figure.setCurrentIndex(page.cycles.figure.findData("deviation"))
     page.cycles.show_cycles()
     assert page.cycles.points.x.size == 0
+    assert "once it is complete" in page.cycles.empty_text.text()  # no calibration is lacking
+    snapshot = SessionSnapshot(SessionState.IDLE, LinkState.UP)
+    page.refresh(snapshot)
+    assert "Accept a calibration" in page.cycles.empty_text.text()
+    page.model._live.inverse = lambda columns: None
+    page.refresh(snapshot)
+    assert "once it is complete" in page.cycles.empty_text.text()
 
 
 def test_absence_of_alarms_is_reported(page, app_model):  # noqa: F811 - the fixture above

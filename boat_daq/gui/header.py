@@ -64,10 +64,8 @@ class Header(QWidget):
         self.outlets.hide()
         self._open_outlets = outlets.view()
         self._unit_text = UnitLine("", "", "")
-        self._links = ("", "", "")  # whole, without the board's name, the sign alone
+        self._links = ("", "", "")  # the sign alone, with its word, with the board's name
         self._lengths: tuple[object, ...] = ()
-        # 1: without the recording's size and the outlets' names; 2: nor the board's, outlets a sign; 3: link, too
-        self._short = 0
         self.vent = vent_button(vents.this)
         name = "Vent the actuators of all windows now"
         self.vent_all = _pressed_button("ALL   Shift+F4", "vent-all", name, vents.all)
@@ -76,6 +74,9 @@ class Header(QWidget):
         left = (self.brand, self.simulated, self.link, self.pressure, *self.figures)
         ends = (style.PAGE_MARGIN, 0, style.PAGE_MARGIN, 0)
         record = self.recording.badge, self.recording.button
+        self._levels: dict[QWidget, int] = dict.fromkeys(
+            (self.link, self.unit, self.recording.badge, self.outlets, *self.figures), 0
+        )
         self.line = controls.row(
             *left,
             None,
@@ -98,67 +99,47 @@ class Header(QWidget):
         self._fit()
 
     def _fit(self) -> None:
-        """Leave out what does not fit; the tooltips of link and unit still show it.
+        """Show what fits, in the order of its worth; the tooltips of link and unit show all of it.
 
-        The order: the program's name (it is in the title), size and disk of the recording, the outlets, the date of the
-        calibration, link figures without a warning from the last on, the calibration, the board's name, all figures,
-        the disk's free space and the word of the link: never the pressure.
+        Always: VENT, the pressure, the signs of link and recording, the unit. Then the word of the link, the time of
+        the recording, figures of the link with a warning, the calibration, the board's name, the other figures, the
+        date of the calibration, the names of the outlets, size and disk of the recording.
         """
         wide = self.width() >= style.NARROW_BELOW
         controls.set_text(self.vent_all, "ALL   Shift+F4" if wide else "ALL")
-        self._short = 0
-        self._fold()
-        shown = [label for label in self.figures if label.text()]
-        left = [label for label in reversed(shown) if not label.property("state")]
-        names = list(self._unit_text)
-        widths = {name: self.unit.fontMetrics().horizontalAdvance(name) for name in names}
-        around = self.unit.sizeHint().width() - self.unit.fontMetrics().horizontalAdvance(self.unit.text())
-        record = self.recording.badge, self.recording.button
-        buttons = (self.link, self.vent, self.vent_all, self.outlets)
-        fixed = (self.simulated, self.pressure, *buttons, *record, *([self.brand] if wide else []))
-
-        def fixed_width() -> int:
-            return self._needed([w for w in fixed if w is self.brand or not w.isHidden()]) + around
-
-        needed = fixed_width()
-
-        def too_wide() -> bool:
-            return needed + self._needed(shown, 0) + widths[names[0]] > self.width()
-
-        def shorten(level: int) -> None:
-            nonlocal needed
-            if too_wide():
-                self._short = level
-                self._fold()
-                needed = fixed_width()
-
-        shorten(1)
-        names = names[too_wide() :]
-        while left and too_wide():
-            shown.remove(left.pop(0))
-        names = names[-1:] if too_wide() else names
-        shorten(2)
-        if too_wide():
-            shown.clear()
-        shorten(3)
         self.brand.setVisible(wide)
-        for label in self.figures:
-            label.setVisible(label in shown)
-        controls.set_text(self.unit, names[0])
+        figures = [label for label in self.figures if label.text()]
+        warned = [label for label in figures if label.property("state")]
+        link, unit, record, outlets = self.link, self.unit, self.recording.badge, self.outlets
+        steps: list[tuple[QWidget, int]] = [(link, 1), (record, 1), *((label, 1) for label in warned)]
+        steps += [(unit, 1), (link, 2), (outlets, 1), *((label, 1) for label in figures if label not in warned)]
+        steps += [(unit, 2), (outlets, 2), (record, 2)]
+        self._levels = dict.fromkeys(self._levels, 0)
+        self._fold()
+        for part, level in steps:
+            before, self._levels[part] = self._levels[part], level
+            self._fold()
+            if self._needed() > self.width():
+                self._levels[part] = before
+                self._fold()
 
     def _fold(self) -> None:
-        """Show link, recording and outlets as short as they must be."""
-        self.recording.fold(self._short)
-        controls.set_text(self.link, self._links[max(0, self._short - 1)])
-        outlets = self._open_outlets
-        controls.set_text(self.outlets, (outlets.badge, outlets.short, "\u21c4", "\u21c4")[self._short])
-        controls.set_state(self.outlets, "sign" if self._short >= 2 else "", "fold")
+        """Show link, recording, outlets, unit and figures as long as they may be."""
+        levels, outlets, sign = self._levels, self._open_outlets, "\u21c4"
+        self.recording.fold(levels[self.recording.badge])
+        controls.set_text(self.link, self._links[levels[self.link]])
+        controls.set_text(self.unit, self._unit_text[2 - levels[self.unit]])
+        controls.set_text(self.outlets, (sign, outlets.short, outlets.badge)[levels[self.outlets]])
+        controls.set_state(self.outlets, "" if levels[self.outlets] else "sign", "fold")
+        for label in self.figures:
+            label.setVisible(bool(levels[label]))
 
-    def _needed(self, shown: Sequence[QWidget], around: int = 1) -> int:
-        """Return the width of `shown`, a space after each, and `around` times the margins and one space."""
+    def _needed(self) -> int:
+        """Return the width of all that is shown, a space after each, and the margins."""
         margins, space = self.line.contentsMargins(), self.line.spacing()
-        ends = around * (margins.left() + margins.right() + space)
-        return sum(widget.sizeHint().width() + space for widget in shown) + ends
+        widgets = (self.line.itemAt(i).widget() for i in range(self.line.count()))
+        shown = sum(widget.sizeHint().width() + space for widget in widgets if widget and not widget.isHidden())
+        return shown + margins.left() + margins.right() + space
 
     def refresh(self, snapshot: SessionSnapshot, pressure: str = "") -> None:
         """Show the state of the session; `pressure` is what the page does not show of it."""
@@ -173,7 +154,7 @@ class Header(QWidget):
         starting = "\u25d4  starting the virtual board \u2026"
         whole = starting if self.connection.starting else f"{text.shape}  {words}"
         short = whole if self.connection.starting else f"{text.shape}  {text.word.partition(',')[0]}"
-        self._links = whole, short, text.shape
+        self._links = text.shape, short, whole
         controls.set_state(self.link, text.state)
         self.simulated.setVisible(snapshot.simulated)
         for i, label in enumerate(self.figures):
@@ -435,9 +416,9 @@ class RecordingBadge:
         self.button.setAccessibleName("Stop recording" if found.text else "Record")
         self.button.setVisible(bool(found.button))
 
-    def fold(self, short: int) -> None:
+    def fold(self, level: int) -> None:
         found = self._text
-        controls.set_text(self.badge, (found.text, found.short, found.short, found.least)[short])
+        controls.set_text(self.badge, (found.least, found.short, found.text)[level])
 
     def lengths(self) -> tuple[object, ...]:
         """Return what the width depends on: digits have one width."""

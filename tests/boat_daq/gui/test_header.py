@@ -60,6 +60,9 @@ def test_header_is_never_cut(live):
         assert "Delay 3 ms" in head.link.toolTip()
         assert "2026-11-22" in head.unit.toolTip()
         assert head.unit.text() == CALIBRATED[width != 1280], width
+        room = head.width() - head._needed() - head.line.spacing()
+        left_out = [f for f in head.figures if f.text() and f.isHidden()]
+        assert all(f.sizeHint().width() > room for f in left_out), width  # none that would have room
 
 
 def test_vent_acts_on_press(live):

@@ -34,9 +34,9 @@ from boat_daq.viewmodels.live.shadow_live import ShadowLive
 from protocol.base.units import NOTHING, as_text
 
 SPACING = 6  # between the parts of a value
-ELONGATION_NOTES = (("\u00b18.88 stated", "\u25b2 out of range"), ("\u00b18.88", "\u25b2 stated"))
+ELONGATION_NOTES = (("\u00b18.88 stated", "\u25b2 out of range"), ("\u00b18.88 end", "was +8.88"))
 TARGET_NOTES = (("was +88.8",), ("\u2192 +88.8", "was +88.8"))
-_FEW_SPANS = 3  # of which the columns have more space in the tab
+_SPANS_BESIDE = 2  # in the tab: the next ones are below
 _SENSORS, _BESIDE = 4, 2  # of a board at most; of those at most whose values are beside the others
 BAND = (
     "Expanded uncertainty, k = 2; not valid where sensors disagree or the elongation is out of range\n"
@@ -74,11 +74,11 @@ class ValueDisplay(QWidget):
         self.unit = controls.label(unit, "set")
         self.note = controls.ElidedLabel()
         self.note.setProperty("role", "small")
-        head = controls.row(self.swatch, self.name, self.note, None, spacing=SPACING)
-        line = controls.row(self.value, self.unit, None, spacing=SPACING)
+        line = controls.row(self.value, self.unit, None)
+        self.rows = controls.row(self.swatch, self.name, self.note, None), line
         for widget in (self.value, self.unit):
             line.setAlignment(widget, Qt.AlignmentFlag.AlignBaseline)
-        self.setLayout(controls.column(head, line, spacing=0, margins=(0, 0, 0, 0)))
+        self.setLayout(controls.column(*self.rows, spacing=0, margins=(0, 0, 0, 0)))
         self.resize_text(style.FONT_MEASURED)
 
     def _needs(self, pixels: int, *, narrow: bool) -> tuple[QFont, tuple[QFont, QFont, QFont], int, int]:
@@ -88,10 +88,11 @@ class ValueDisplay(QWidget):
         if narrow:
             chrome = small = unit = style.font(style.FONT_NARROW)
         value = style.text_width(font, self.example) + style.STEP
-        head = self.swatch.width() + SPACING + style.text_width(chrome, self.title)
+        space = style.STEP if narrow else SPACING
+        head = self.swatch.width() + space + style.text_width(chrome, self.title)
         if notes := self.notes[narrow]:
-            head += SPACING + max(style.text_width(small, note) for note in notes)
-        line = value + SPACING + style.text_width(unit, self.unit.text())
+            head += space + max(style.text_width(small, note) for note in notes)
+        line = value + space + style.text_width(unit, self.unit.text())
         return font, (chrome, small, unit), value, max(head, line) + style.STEP
 
     def width_at(self, pixels: int, *, narrow: bool) -> int:
@@ -107,6 +108,8 @@ class ValueDisplay(QWidget):
         self.value.setStyleSheet(f"font-size: {pixels}px; font-weight: 600;")
         for label, shown in zip((self.name, self.note, self.unit), beside, strict=True):
             label.setStyleSheet(f"font-size: {shown.pixelSize()}px;")
+        for row in self.rows:
+            row.setSpacing(style.STEP if narrow else SPACING)
         # width and height: a text that changes several times a second has nothing to be laid out again
         self.value.setFixedSize(value, QFontMetrics(font).height())
         self.setFixedWidth(width)
@@ -460,10 +463,11 @@ class LivePage(QWidget):
     def _show_between(self, spans: list[Span]) -> None:
         at = self.pane.indexOf(self.between)
         if spans:
-            cells = [(span.short, *span.cells[1:-1], span.cells[-1].removesuffix(" dB")) for span in spans]
-            space = (2 if len(cells) <= _FEW_SPANS else 1) * style.STEP
-            upright = table(list(zip(("", *HEADINGS_SHORT), *cells, strict=True)), space)
-            self.between.setText(f"<p>{self.model.difference()}</p>{upright}")
+            cells = [(s.name, s.unit, *s.cells[1:-1], s.cells[-1].removesuffix(" dB")) for s in spans]
+            parts = (cells[i : i + _SPANS_BESIDE] for i in range(0, len(cells), _SPANS_BESIDE))
+            upright = (list(zip(("", "", *HEADINGS_SHORT), *part, strict=True)) for part in parts)
+            tables = (table([row for row in rows if set(row[1:]) != {NOTHING}], 4 * style.STEP) for rows in upright)
+            self.between.setText(f"<p>{self.model.difference()}</p>{'<br>'.join(tables)}")
             if at < 0:
                 self._before = self.pane.currentIndex()
                 self.pane.setCurrentIndex(self.pane.addTab(self.between, "A\u2013B"))

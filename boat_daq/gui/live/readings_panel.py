@@ -31,15 +31,17 @@ from boat_daq.gui.widgets.data_table import dress
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.viewmodels.common.notices import Notice, Notices, Severity
 from boat_daq.viewmodels.common.services import Panel, Services
-from boat_daq.viewmodels.live.readings import SOON_S, TABLE_COLUMNS, ReadingsModel, Row, place
+from boat_daq.viewmodels.live.readings import NOW, SOON_S, TABLE_COLUMNS, ReadingsModel, Row, place
 from boat_daq.viewmodels.live.run_model import RunModel
 from protocol.base.errors import RequestError
 
 BRANCH, EDITABLE, REMARK = 1, 3, 4  # columns
+SIGN = "\u25b2 "
 BY_HAND, BY_PHOTOGRAPH, BY_CAMERA = "typed", "photograph", "camera"
 WAYS = (("Typed", BY_HAND), ("Photograph", BY_PHOTOGRAPH), ("Camera", BY_CAMERA))
 WAYS_TIP = "Where readings come from; each can be corrected in the table"
 AGAIN = "Enter again"
+TYPE = ": type, press Enter"  # after the question, where the unit beside the field stands alone
 NEW_LINE = "\n"
 Index = QModelIndex | QPersistentModelIndex
 
@@ -143,7 +145,8 @@ class ReadingBar(QFrame):
             whole = f"\u25b2 {place}{keep}{text.strip()}? {why}"
             controls.set_text(self.question, whole, shorter=f"\u25b2 {place}{why}")
         else:
-            controls.set_text(self.question, self._due, shorter=without_cycle)
+            how = TYPE if self._short and step is not None else ""
+            controls.set_text(self.question, f"{self._due}{how}", shorter=without_cycle)
         controls.set_state(self.question, "small" if warning else "set", "role")
         self._show_unit()
         controls.set_state(self.question, "warning" if warning else "")
@@ -258,6 +261,7 @@ class ReadingsTableModel(QAbstractTableModel):
         self.readings, self.notices = readings, notices
         self.rows: list[Row] = []
         self._doubted: tuple[int, str] | None = None  # taken when it is entered again
+        self.narrow = False  # a sign tells which rows have a remark, which their tooltips show
 
     def show_rows(self, rows: list[Row]) -> None:
         """Show other rows; present ones are updated in place, so that an edit is not lost."""
@@ -294,7 +298,8 @@ class ReadingsTableModel(QAbstractTableModel):
         if role == Qt.ItemDataRole.EditRole and index.column() == EDITABLE and row.typed:
             return row.typed
         if role in (Qt.ItemDataRole.DisplayRole, Qt.ItemDataRole.EditRole):
-            return row.cells[index.column()]
+            sign = SIGN if self.narrow and index.column() == 0 and row.cells[REMARK] not in ("", NOW) else ""
+            return f"{sign}{row.cells[index.column()]}"
         if role == Qt.ItemDataRole.TextAlignmentRole:
             return side(index.column())
         marked = row.current or row.apart_mm is not None or row.far
@@ -340,12 +345,21 @@ class ReadingsView(QTableView):
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Leave the remarks to the tooltips in a narrow pane: pressures and readings are never cut."""
         narrow = self.width() < style.PANE_WIDTH_NARROW + 4 * style.STEP
+        self.rows.narrow = narrow
         self.setColumnHidden(REMARK, narrow)
         mode = QHeaderView.ResizeMode
         self.horizontalHeader().setSectionResizeMode(BRANCH, mode.Stretch if narrow else mode.ResizeToContents)
         for table in (self, self.horizontalHeader()):
             controls.set_state(table, "dense" if self.width() < style.PANE_WIDTH_WIDE else "", "role")
         super().resizeEvent(event)
+        self.show_asked()
+
+    def show_asked(self) -> None:
+        """Scroll to the plateau that waits for its reading, else to the last one."""
+        rows = self.rows.rows
+        if rows:
+            asked = next((i for i, row in enumerate(rows) if row.current), len(rows) - 1)
+            self.scrollTo(self.rows.index(asked, 0))
 
     def keyPressEvent(self, event: QKeyEvent) -> None:
         if event.matches(QKeySequence.StandardKey.Paste):
@@ -396,7 +410,7 @@ class ReadingsTable(QWidget):
         self.view.setVisible(bool(rows))
         controls.set_text(self.count, self.readings.summary(snapshot, rows))
         if len(rows) > before:
-            self.view.scrollToBottom()
+            self.view.show_asked()
 
     def paste(self) -> None:
         """Paste the clipboard's column from the selected plateau on."""
@@ -439,3 +453,4 @@ class ReadingsTab(QWidget):
         self.parts.setStretchFactor(self.camera, stretch)
         if self.camera.isVisible():
             self.camera.refresh(snapshot)
+            self.parts.setStretch(self.parts.indexOf(self.camera), 0 if self.camera.picture.isHidden() else 3)

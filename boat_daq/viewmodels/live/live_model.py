@@ -86,11 +86,6 @@ class Span:
     difference: float  # at B less at A
 
     @property
-    def short(self) -> str:
-        """Return a short name: number of the sensor and unit, else the unit."""
-        return f"{self.sensor}, {self.unit}" if self.sensor else self.unit
-
-    @property
     def cells(self) -> tuple[str, ...]:
         """Return the row as text, in the order of `STATISTICS_HEADINGS`."""
         d = self.decimals
@@ -403,9 +398,9 @@ class LiveModel:
         if found.disagree[0]:  # the band does not hold then
             return elongation, "\u25b2 disagree", "\u25b2 differ"
         if found.beyond is not None and found.beyond[0]:
-            return elongation, f"{band} range end", "\u25b2 end"
+            return elongation, f"{band} range end", f"{band} end"
         if found.stand_in:
-            return elongation, f"{band} stated", "\u25b2 stated"
+            return elongation, f"{band} stated", f"{band} \u25b2"
         return elongation, f"{band} (k = 2)", band
 
     def place(self, which: str) -> float:

@@ -32,6 +32,7 @@ from protocol.recording import RunEnd
 PLAUSIBLE_MM = 60.0  # longer than the actuator itself
 APART_KPA = 5.0  # plateaus further apart than this do not have one elongation
 SOON_S = 60.0  # a wait for a reading that ends within this is marked
+NOW = "now"  # remark of the plateau that waits
 UNSTEADY = "unsteady"  # reached, but still drifting at the end of the longest hold
 REMARKS = {  # status of a plateau -> remark, sentence
     "timeout": ("not reached", "the pressure was not reached in time"),
@@ -63,7 +64,7 @@ class Row:
             return f"{self.typed}: not entered", f"{self.typed} was typed, but not entered"
         if self.reading is None and self.step.detail.get("reading_timed_out"):
             return "no reading", "no reading was given in time, and the run continued"
-        return REMARKS.get(status, ("now" if self.current else "", ""))
+        return REMARKS.get(status, (NOW if self.current else "", ""))
 
     @property
     def _far(self) -> str:

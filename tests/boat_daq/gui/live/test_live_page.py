@@ -60,7 +60,9 @@ def test_small_window_shows_the_statistics_in_a_tab(live):
     assert not page.spans.isVisible()
     assert page.between.sizeHint().width() <= page.between.width()
     assert page.between.sizeHint().height() <= page.between.height()
-    assert all(f">{words}<" in page.between.text() for words in (*HEADINGS_SHORT, "1, mV", "2, mV", "mm", "kPa"))
+    shown = page.between.text()  # two quantities beside each other, the others below: no columns that run together
+    quantities = ("Sensor 1", "Sensor 2", "Elongation", "Pressure", "mV", "mm", "kPa")
+    assert all(f">{words}<" in shown for words in (*HEADINGS_SHORT, *quantities))
     scroll = live.scrolls["Measure"]
     assert (scroll.horizontalScrollBar().maximum(), scroll.verticalScrollBar().maximum()) == (0, 0)
     page.plots.place_cursor("a")

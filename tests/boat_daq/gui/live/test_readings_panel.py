@@ -265,6 +265,15 @@ def test_implausible_reading_is_warned_of_beside_its_field(running):
     assert running.model.session.kept[-1].elongation_mm == 14.0
     assert running.model.notices.current() is None  # the refusal is over
     assert (bar.question.property("state"), bar.field.accessibleDescription()) == ("", "")
+    at_plateau(running, LATER)
+    assert bar.question.text() == "At +10 kPa, unloading, cycle 1: type, press Enter"
+    session, table = running.model.session, running.live.show_readings()
+    session.marks = (*session.marks[:-1], dataclasses.replace(session.marks[-1], status="aborted"))
+    for width, sign in ((853, "\u25b2 1"), (1280, "1")):  # without the column of the remarks, which is in the tooltip
+        running.resize(width, 600)
+        QApplication.processEvents()
+        running.refresh()
+        assert table.model.index(len(table.model.rows) - 1, 0).data() == sign
 
 
 def test_implausible_reading_of_the_table_is_asked_for_again(running):

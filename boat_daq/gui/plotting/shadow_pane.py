@@ -52,7 +52,7 @@ class ShadowView(QWidget):
         self.setMinimumHeight(3 * style.CONTROL_HEIGHT)  # beside the messages at 150 % on 1280 x 800
         self.picture: ShadowPicture | None = None
         self.stale = False
-        self.scale_texts = ("0", "")
+        self.scale_texts = ("0", "", "")
         self.paint_theme(style.LIGHT)
 
     def show_picture(self, picture: ShadowPicture) -> None:
@@ -186,8 +186,9 @@ class ShadowView(QWidget):
         painter.setPen(QColor(self.theme.muted))
         painter.setFont(self.small)
         below = bar.adjusted(0, bar.height(), 0, 4 * style.STEP)
-        painter.drawText(below, Qt.AlignmentFlag.AlignLeft, self.scale_texts[0])
-        painter.drawText(below, Qt.AlignmentFlag.AlignRight, self.scale_texts[1])
+        sides = Qt.AlignmentFlag.AlignLeft, Qt.AlignmentFlag.AlignHCenter, Qt.AlignmentFlag.AlignRight
+        for side, text in zip(sides, self.scale_texts, strict=True):
+            painter.drawText(below, side, text)
 
 
 def _polygon(points: NDArray[np.float64]) -> QPolygonF:
@@ -213,7 +214,6 @@ class ShadowPane(QWidget):
             grid.addWidget(name, i, 0)
             grid.addWidget(value, i, 1)
             name.setAlignment(Qt.AlignmentFlag.AlignTop)
-            value.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignTop)
         self.colour = controls.label("Colour", "muted")
         head = controls.row(self.colour, self.quantity, None, self._menu_button())
         self.rows = controls.inside(grid)
@@ -226,6 +226,10 @@ class ShadowPane(QWidget):
         """Leave out the name of the choice in a narrow pane: what is chosen is then shown whole."""
         super().resizeEvent(event)
         self.colour.setVisible(self.width() > style.PANE_WIDTH_NARROW + 4 * style.STEP)
+        flag = Qt.AlignmentFlag
+        side = flag.AlignRight if self.width() <= style.PANE_WIDTH_WIDE else flag.AlignLeft  # beside its name
+        for value in self.values:
+            value.setAlignment(side | flag.AlignTop)
         self._fit()
 
     def _fit(self) -> None:
@@ -240,7 +244,7 @@ class ShadowPane(QWidget):
         """Show the settings of the model, which menus change too."""
         quantity = self.model.quantity
         full, unit, _ = SCALES[quantity]
-        texts = ("0", f"{quantity} {full:g} {unit} or more")
+        texts = ("0", quantity, f"{full:g} {unit} or more")
         if self.view.scale_texts != texts:
             self.view.scale_texts = texts
             self.view.update()

@@ -136,7 +136,7 @@ def test_pane_follows_the_menu_commands(page, app_model):  # noqa: F811 - the fi
     page.model.quantity = "strain"
     page.refresh(app_model.snapshot)
     assert page.pane.quantity.currentData() == "strain"
-    assert page.pane.view.scale_texts[1] == "strain 20 % or more"
+    assert page.pane.view.scale_texts == ("0", "strain", "20 % or more")
 
 
 @pytest.mark.parametrize("theme", mostly_at_night(style.DARK, style.LIGHT))

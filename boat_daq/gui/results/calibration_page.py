@@ -108,7 +108,8 @@ class CurveCard(PlotCard):
         legend = f"bands 68 %, 95 % ({source})" if previous is None else "\u2504 previous"
         self.readout.setText(f"\u25cf loading \u25cb unloading  {legend}")
         self.top.fit()
-        self.bottom.fit()
+        largest = float(np.abs(shown.residuals).max(initial=0.0))
+        self.bottom.fit(also_y=(-largest, largest))  # ticks on either side of zero
 
 
 class LoopCard(PlotCard):
@@ -244,8 +245,10 @@ class CalibrationPage(QWidget):
         self.upper = Leaves(controls.holder(self.curve_grid), self.missing)
         controls.grow(self.upper)
         left = Shares("curves", self.services.preferences, (self.upper, 5), (self.loops, 4))
-        sides = Divided("calibration", self.services.preferences, left, self._side(), SIDE, stacks=True)
+        figures = self._side()
+        sides = Divided("calibration", self.services.preferences, left, figures, SIDE, stacks=True)
         sides.restacked.connect(self.table.stack)
+        sides.restacked.connect(lambda stacked: sides.insertWidget(int(not stacked), figures))  # above the curves
         return controls.holder(controls.column(self._head(), (sides, 1), spacing=style.GAP))
 
     def _head(self) -> QWidget:

@@ -102,6 +102,7 @@ class FigureTable(DataTable):
     def stack(self, stacked: bool) -> None:
         """Show every row on a page that stacks its parts, and scrolls itself."""
         self._stacked = stacked
+        self.setAlternatingRowColors(stacked)  # its values are far from their names
         self.setMinimumHeight(self.whole_height() if stacked and self.rowCount() else 0)
 
     def resizeEvent(self, event: QResizeEvent) -> None:

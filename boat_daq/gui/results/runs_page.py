@@ -388,7 +388,10 @@ class RunsPage(QWidget):
             chosen, self.model.wanted, self._untouched = set(), None, False
         newest = wanted or (found[:1] if self._untouched else [])
         self._untouched = self._untouched and not newest
-        self._choose([row for row, run in enumerate(found) if run.path in chosen or run in newest])
+        rows = [row for row, run in enumerate(found) if run.path in chosen or run in newest]
+        self._choose(rows)
+        if newest and rows:
+            self.list.scrollTo(self.list.model().index(rows[0], 0))
         self._enable()
 
     def _choose(self, rows: list[int]) -> None:

@@ -137,9 +137,9 @@ class Header(QWidget):
     def _needed(self) -> int:
         """Return the width of all that is shown, a space after each, and the margins."""
         margins, space = self.line.contentsMargins(), self.line.spacing()
-        widgets = (self.line.itemAt(i).widget() for i in range(self.line.count()))
-        shown = sum(widget.sizeHint().width() + space for widget in widgets if widget and not widget.isHidden())
-        return shown + margins.left() + margins.right() + space
+        items = filter(None, map(self.line.itemAt, range(self.line.count())))
+        shown = [widget for item in items if (widget := item.widget()) is not None and not widget.isHidden()]
+        return sum(w.sizeHint().width() + space for w in shown) + margins.left() + margins.right() + space
 
     def refresh(self, snapshot: SessionSnapshot, pressure: str = "") -> None:
         """Show the state of the session; `pressure` is what the page does not show of it."""

@@ -108,7 +108,7 @@ class CurveCard(PlotCard):
         legend = f"bands 68 %, 95 % ({source})" if previous is None else "\u2504 previous"
         self.readout.setText(f"\u25cf loading \u25cb unloading  {legend}")
         self.top.fit()
-        largest = float(np.abs(shown.residuals).max(initial=0.0))
+        largest = float(abs(shown.residuals).max(initial=0.0))
         self.bottom.fit(also_y=(-largest, largest))  # ticks on either side of zero
 
 

@@ -76,7 +76,9 @@ class ImportPanel(QDialog):
         self.model.open(path)
         self.name.setText(self.model.name)
         self.setWindowTitle(f"Import {path.name}")
-        self.resize(self.size().boundedTo(self.over.size()))  # on a small screen
+        over, size = self.over.size(), self.size().boundedTo(self.over.size())  # on a small screen
+        size.setWidth(size.width() if over.width() - size.width() >= style.PAGE_MARGIN * 2 else over.width())
+        self.resize(size)
         self.show()
         self.raise_()
 

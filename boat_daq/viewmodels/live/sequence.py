@@ -78,8 +78,8 @@ REACHED_MM = 0.01  # of the shaped setpoint from the target
 NEAR_MM = 0.15  # of the measured elongation, where its U is less
 HELD = (S.ARMED, S.RUNNING, S.PAUSED, S.FINISHING)  # the session has a plan
 PHASE_WORDS = {
-    Phase.RAMPING: "ramping", Phase.SETTLING: "settling", Phase.DWELLING: "holding", Phase.VENTING: "venting",
-    Phase.WAITING_FOR_READING: "waiting for the reading", Phase.ASSESSING: "holding, computing U",
+    Phase.RAMPING: "ramping to", Phase.SETTLING: "settling at", Phase.DWELLING: "holding", Phase.VENTING: "venting to",
+    Phase.WAITING_FOR_READING: "waiting for the reading at", Phase.ASSESSING: "computing U at",
 }  # fmt: skip
 BRANCH_WORDS = {"start": "first plateau", "unloading": "unloading", "loading": "loading", "end": "end"}
 
@@ -488,21 +488,18 @@ def progress_text(snapshot: SessionSnapshot, leave_out: int = 0, units: ShownUni
         if progress.cycle:
             broken, again = f"cycle {progress.cycle} interrupted", f"will be repeated as cycle {progress.cycle + 1}"
         return "   ".join(((broken, left, again), (broken, left), (broken,))[leave_out])
-    where, broken_cycles = "first plateau", len(progress.incomplete_cycles)
+    where, step, broken_cycles = "first plateau", "", len(progress.incomplete_cycles)
     if progress.cycle and progress.branch != "start":
         where = f"cycle {progress.cycle} of {progress.cycles}"
         where += f", {broken_cycles} repeated" if broken_cycles else ""
-    vented = progress.branch == "end"  # the last mark of a run
-    step = f"{_step_word(snapshot.plan)} {progress.step - vented} of {progress.steps - vented}"
+        vented = progress.branch == "end"  # the last mark of a run
+        word = "plateau" if snapshot.plan is not None and snapshot.plan.kind == "staircase" else "step"
+        step = f"{word} {progress.step - vented} of {progress.steps - vented}"
     phase = PHASE_WORDS.get(progress.phase, progress.phase.value)
     mm = progress.target_mm
     goal = target(progress.target_kpa, units) if mm is None else in_units(units, "mm", mm, 2)
-    parts = ((where, step, left, f"{phase} at {goal}"), (where, step, left), (where, left))
-    return "   ".join(parts[leave_out])
-
-
-def _step_word(plan: Plan | None) -> str:
-    return "plateau" if plan is not None and plan.kind == "staircase" else "step"
+    parts = ((where, step, left, f"{phase} {goal}"), (where, step, left), (where, left))
+    return "   ".join(filter(None, parts[leave_out]))
 
 
 def done_s(plan: Plan, snapshot: SessionSnapshot) -> float:

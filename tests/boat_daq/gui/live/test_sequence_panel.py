@@ -239,9 +239,9 @@ def test_the_progress_of_a_run_leaves_out_what_does_not_fit(running):
         for _ in range(100):
             running.refresh()
             QTest.qWait(20)
-            if progress.text().endswith("ramping at +20 kPa") is whole:
+            if progress.text().endswith("ramping to +20 kPa") is whole:
                 break
-        assert progress.text().endswith("ramping at +20 kPa") is whole
+        assert progress.text().endswith("ramping to +20 kPa") is whole
         assert progress.fontMetrics().horizontalAdvance(progress.text()) <= progress.width()
         assert "2:10 left" in progress.text()
 

@@ -197,7 +197,7 @@ def test_obstacle_names_why_an_action_is_refused(closed):
 def test_report_has_the_precision_and_units_of_the_program(monkeypatch, tmp_path):
     """The report of the window was made at normal fidelity, whatever was chosen."""
     ordered = []
-    monkeypatch.setattr(runs, "Job", lambda *args, **kwargs: ordered.append((args, kwargs)))
+    monkeypatch.setattr(runs, "Job", lambda *args, **kwargs: ordered.append((args, kwargs)) or Mock())
     model = RunsModel(tmp_path, UnitLibrary(tmp_path), Mock(), Notices(), UndoHistory())
     model.fidelity = fidelity("reference")
     model.report([tmp_path / "a.boat"], tmp_path / "a.pdf", curve="2")

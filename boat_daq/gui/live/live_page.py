@@ -158,7 +158,7 @@ class FirstSteps(QScrollArea):
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Put all closer in a low window: it shows the three steps without scrolling at 853 x 600."""
         low = self.window().height() < style.LOW_BELOW
-        self.inside.setContentsMargins(*((style.CARD_PADDING if low else 6 * style.STEP),) * 4)
+        self.inside.setContentsMargins(*((style.GAP if low else 6 * style.STEP),) * 4)
         self.inside.setSpacing(style.STEP if low else style.GAP)
         super().resizeEvent(event)
 
@@ -205,7 +205,6 @@ class LivePage(QWidget):
         for statistics in (self.spans, self.between):
             statistics.setTextFormat(Qt.TextFormat.RichText)
         self._before = 0  # the tab shown before the statistics
-        self.between.setStyleSheet(f"font-size: {style.FONT_NARROW}px;")
         self.between.setAlignment(Qt.AlignmentFlag.AlignTop)
         self.between.setContentsMargins(0, style.GAP, 0, 0)
         self.sequence = SequencePanel(run, services.notices)
@@ -467,7 +466,9 @@ class LivePage(QWidget):
             parts = (cells[i : i + _SPANS_BESIDE] for i in range(0, len(cells), _SPANS_BESIDE))
             upright = (list(zip(("", "", *HEADINGS_SHORT), *part, strict=True)) for part in parts)
             tables = (table([row for row in rows if set(row[1:]) != {NOTHING}], 4 * style.STEP) for rows in upright)
-            self.between.setText(f"<p>{self.model.difference()}</p>{'<br>'.join(tables)}")
+            size = style.FONT_SMALL if len(spans) <= 2 * _SPANS_BESIDE else style.FONT_NARROW
+            shown = f"<p>{self.model.difference()}</p>{'<br>'.join(tables)}"
+            self.between.setText(f"<div style='font-size: {size}px'>{shown}</div>")
             if at < 0:
                 self._before = self.pane.currentIndex()
                 self.pane.setCurrentIndex(self.pane.addTab(self.between, "A\u2013B"))

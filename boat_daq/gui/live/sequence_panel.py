@@ -265,6 +265,7 @@ class PlanForm(QScrollArea):
         self.setWidgetResizable(True)
         self.setFocusPolicy(Qt.FocusPolicy.NoFocus)  # it scrolls to the control that gets it
         self.setAccessibleName("Plan, manual pressure and elongation")
+        self.insides: list[QLayout] = []  # of the cards
         layout = controls.column(
             self._plan_card(), self._pressure_card(), self._elongation_card(), None, spacing=style.GAP
         )
@@ -290,7 +291,7 @@ class PlanForm(QScrollArea):
         shown, more = PLAN_ENTRIES[:1], PLAN_ENTRIES[1:]
         self.more = controls.inside(controls.column(*self._more(more), spacing=style.GAP))
         self.more.hide()
-        plan, _ = controls.card(
+        plan, inside = controls.card(
             controls.row(controls.label("Plan", "subtitle"), (self.choice, 1)),
             _form((entry.label, self.fields[entry.key], entry.unit) for entry in shown),
             self.refused,
@@ -298,6 +299,7 @@ class PlanForm(QScrollArea):
             controls.row((self.estimate, 1), self.edit),
             self.more,
         )
+        self.insides.append(inside)
         return plan
 
     def _more(self, entries: Sequence[Entry]) -> tuple[QLayout, ...]:
@@ -319,7 +321,10 @@ class PlanForm(QScrollArea):
         return grid, self.buttons
 
     def resizeEvent(self, event: QResizeEvent) -> None:
-        """Put the last button below the others in a narrow pane: units are never pushed out of it."""
+        """Put the last button below the others in a narrow pane, and all closer in a low window."""
+        upright = style.STEP if self.window().height() < style.LOW_BELOW else style.GAP
+        for inside in self.insides:
+            inside.setContentsMargins(style.CARD_PADDING, upright, style.CARD_PADDING, upright)
         way = QBoxLayout.Direction
         self.buttons.setDirection(way.TopToBottom if self.width() < style.PANE_WIDTH else way.LeftToRight)
         super().resizeEvent(event)
@@ -329,11 +334,12 @@ class PlanForm(QScrollArea):
         self.target = controls.field("Target pressure", "0", self._set_pressure, width=FIELD_WIDTH)
         self.ramp = controls.field("Ramp of the pressure", "5", width=FIELD_WIDTH)
         self.set_button = controls.button("Set pressure", self._set_pressure, tip="Within limits, without a run")
-        manual, _ = controls.card(
+        manual, inside = controls.card(
             controls.label("Manual pressure", "subtitle"),
             _form((("Target", self.target, self._unit("kPa")), ("Ramp", self.ramp, self._unit("kPa/s")))),
             controls.row((self.limits, 1), self.set_button),
         )
+        self.insides.append(inside)
         return manual
 
     def _elongation_card(self) -> QFrame:
@@ -344,12 +350,13 @@ class PlanForm(QScrollArea):
         self.hold = QCheckBox("Hold pressure if it stops")
         self.hold.setToolTip("Hold, not vent, if sensors disagree or the elongation does not follow")
         self.hold.toggled.connect(self._hold)
-        elongation, _ = controls.card(
+        elongation, inside = controls.card(
             controls.label("Manual elongation", "subtitle"),
             _form((("Target", self.mm, self._unit("mm")),)),
             self.hold,
             controls.row((self.elongation, 1), self.elongation_button),
         )
+        self.insides.append(inside)
         return elongation
 
     def _field(self, key: str, name: str, tip: str) -> QLineEdit:

@@ -368,12 +368,13 @@ class RunsPage(QWidget):
     def _fit_below(self) -> None:
         """Leave the list the height that the units do not need and no comparison takes."""
         units, (card, compared) = self.units, self.cards
-        needed = self.over_time.sizeHint().height() + 2 * style.CARD_PADDING
+        head = needed = self.over_time.sizeHint().height() + 2 * style.CARD_PADDING
         if self.model.unit_lines:
             needed += units.horizontalHeader().height() + units.verticalHeader().length() + 2 * style.STEP
-        least = style.STACKED_HEIGHT if self.width() < style.STACKED_BELOW else 0
-        card.setMinimumHeight(min(needed, least))
-        compared.setMinimumHeight(least)
+        narrow = self.width() < style.STACKED_BELOW
+        two_lines = head + units.horizontalHeader().height() + 2 * style.CONTROL_HEIGHT  # more of them scroll
+        card.setMinimumHeight(min(needed, two_lines) if narrow else 0)
+        compared.setMinimumHeight(style.STACKED_HEIGHT if narrow else 0)
         self.below.setMaximumHeight(needed if self.below.currentIndex() == 0 else style.UNLIMITED)
 
     def _list(self) -> None:

@@ -157,6 +157,10 @@ class Recorder:
     def __init__(self) -> None:
         self.meta: dict[str, object] = {}
         self.resumed: list[tuple[str, int, int]] = []
+        self.asked = False  # whether it saves
+
+    def require_saving(self) -> None:
+        self.asked = True
 
     def update_meta(self, **meta: object) -> None:
         self.meta |= meta
@@ -186,6 +190,7 @@ def test_a_new_run_is_stated_in_its_recording(monkeypatch) -> None:
     control, recorder, asked = recorded(monkeypatch)
     arm(control, resume=False)
     assert recorder.meta == {"plan": dataclasses.asdict(PLAN), "limits_pa": [-60_000, 80_000]}
+    assert recorder.asked
     control.start(SPACE)
     assert asked == [(1, 0), [SPACE]]
     assert recorder.resumed == []

@@ -326,6 +326,12 @@ class OpticsPage(ReflowingPage):
         self.tall = (self.maps, self.scene, self.response)
         model.show_shipped(shipped_sweep)
 
+    def reflow(self) -> None:
+        """Give the maps, in two rows, the height of the titles of their axes."""
+        super().reflow()
+        if self.narrow:
+            self.maps.setMinimumHeight(style.STACKED_HEIGHT + 2 * style.PLOT_MORE)
+
     def _answer(self) -> QHBoxLayout:
         """Return which design is best, the paper's, how sure that is, and the buttons for more."""
         attempt = self.services.notices.attempt

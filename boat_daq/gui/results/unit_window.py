@@ -61,6 +61,7 @@ class UnitWindow(QDialog):
         grid.setSpacing(style.GAP)
         for place, card in enumerate(self.cards.values()):
             card.paint_theme(like.theme)
+            card.setMinimumHeight(3 * style.STACKED_HEIGHT // 4)
             card.show_empty("Loading \u2026")
             grid.addWidget(card, place // 2, place % 2)
         self.due = controls.label("Reading the calibrations \u2026", "subtitle", wrap=True, name="When it is due again")
@@ -68,7 +69,7 @@ class UnitWindow(QDialog):
         self.table = DataTable(
             "Calibrations of the unit", history_headings(like.theme.units), stretched=FINDING, right=(2, 3, 4)
         )
-        self.table.setMinimumHeight(3 * style.CONTROL_HEIGHT)
+        self.table.setMinimumHeight(5 * style.CONTROL_HEIGHT)
         self.save = controls.button("Report \u2026", self._report, tip="Save it as PDF or HTML")
         self.save.setEnabled(False)
         buttons = controls.row(controls.button("Close", self.close), None, self.save)

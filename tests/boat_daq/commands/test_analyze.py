@@ -59,7 +59,7 @@ def test_limits_and_contributions_are_in_the_result(stairs: tuple[Path, Path], t
     assert budget["traceable"] is False
     shown = text("analyze", boat, *options, "--limit", "snr=40")
     assert "no uncertainty is given for scale of grid or photograph, pressure gauge, temperature" in shown
-    assert "pass: snr of s1 " in shown
+    assert "pass: signal-to-noise ratio, sensor 1: " in shown
     assert exit_code("analyze", boat, *options, "--limit", "snr") == 2
 
 

@@ -449,8 +449,6 @@ class ReadingsTab(QWidget):
         at_rest = "Arm, then start." if "arm" in sequence.allowed(snapshot) else sequence.why_not_set(snapshot)
         following = "Press Start." if snapshot.state is SessionState.ARMED else at_rest
         controls.set_text(self.table.empty, f"Each plateau is listed here. {following}")
-        stretch = 3 if self.camera.picture.isVisible() else 0  # without its picture the table has the height
-        self.parts.setStretchFactor(self.camera, stretch)
         if self.camera.isVisible():
             self.camera.refresh(snapshot)
             self.parts.setStretch(self.parts.indexOf(self.camera), 0 if self.camera.picture.isHidden() else 3)

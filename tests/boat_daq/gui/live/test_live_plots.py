@@ -189,7 +189,7 @@ def test_values_at_the_mouse_are_shown_in_each_plot(live):
     QApplication.sendEvent(plots.view.viewport(), QEvent(QEvent.Type.Leave))
     assert not any(hair.isVisible() for hair in plots._hairs.values())
     assert all(note.isVisible() for note in notes)
-    QTest.mouseMove(plots.view.viewport(), place)
+    QTest.mouseMove(plots.view.viewport(), place + QPoint(1, 0))
     assert plots._hairs[plots.pressure].isVisible()
     menu_of(live, plots.pressure, 272.0)  # after it the mouse is elsewhere: the values stood over the data
     assert not any(hair.isVisible() for hair in plots._hairs.values())

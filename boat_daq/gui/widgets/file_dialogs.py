@@ -90,15 +90,17 @@ def _dialog(
 ) -> QFileDialog:
     def finish(name: str) -> None:
         path = Path(name)
-        services.preferences.set("folder", str(path.parent))
+        if path.parent.is_dir():
+            services.preferences.set("folder", str(path.parent))
         if services.notices.attempt(lambda: then(path), done=done or "") and done is None:
             services.notices.inform_saved(path)
 
     kinds = ", ".join(_NAMED.get(suffix, suffix.upper()) for suffix in suffixes.split())
     patterns = " ".join(f"*.{suffix}" for suffix in suffixes.split())
     usual = services.recordings if services.recordings.is_dir() else Path.home()
-    folder = str(services.preferences.get("folder", str(usual)))
-    dialog = FileDialog(parent.window(), title, folder, f"{kinds} ({patterns})")
+    last = Path(str(services.preferences.get("folder", usual)))
+    folder = last if last.is_dir() else usual  # Qt takes the working directory for one that was removed
+    dialog = FileDialog(parent.window(), title, str(folder), f"{kinds} ({patterns})")
     dialog.setWindowModality(Qt.WindowModality.NonModal)
     dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
     dialog.fileSelected.connect(finish)

@@ -56,3 +56,14 @@ def test_file_dialog_does_not_block_the_window(live, tmp_path, monkeypatch):
     live.model.notices.inform("another message")
     live.refresh()
     assert not live.strip.open_file.isVisible()
+
+
+def test_a_folder_that_is_gone_is_not_offered_again(live, tmp_path):
+    """A failed save to a missing folder was remembered; the next file went into the working directory, unsaid."""
+    services, missing = live.model.services, tmp_path / "removed"
+    services.preferences.set("folder", str(tmp_path))
+    ask_save(live, services, "a", "csv", lambda path: None).fileSelected.emit(str(missing / "a.csv"))
+    assert services.preferences.get("folder") == str(tmp_path)
+    services.preferences.set("folder", str(missing))
+    usual = services.recordings if services.recordings.is_dir() else Path.home()
+    assert Path(ask_save(live, services, "a", "csv", lambda path: None).directory().path()) == usual

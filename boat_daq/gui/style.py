@@ -146,7 +146,7 @@ def style_sheet(theme: Theme) -> str:
         under_icons=theme.target if theme.name == "dark" else theme.surface,  # Qt's own icons are dark
         font_chrome=FONT_CHROME, font_small=FONT_SMALL, font_set=FONT_SET, font_title=FONT_TITLE,
         radius=RADIUS, inner_height=CONTROL_HEIGHT - 8, vent_height=VENT_HEIGHT - 4, vent_width=VENT_WIDTH - 4,
-        vent_focus_height=VENT_HEIGHT - 8, vent_focus_width=VENT_WIDTH - 8,
+        vent_focus_height=VENT_HEIGHT - 12, vent_focus_width=VENT_WIDTH - 12,
         paste_height=3 * CONTROL_HEIGHT - 8,
     )  # fmt: skip
 

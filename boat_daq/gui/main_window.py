@@ -443,14 +443,17 @@ class MainWindow(QMainWindow):
             self.close()
 
     def _may_leave(self) -> bool:
-        """Return whether to close: during a run only at the second request, so that a slip ends no run."""
-        again = monotonic() < self._leave_until
-        if again or self.model.snapshot.state not in UNDER_WAY:
+        """Return whether to close: in a run, or while a file is written, only at the second request."""
+        again, run = monotonic() < self._leave_until, self.model.snapshot.state in UNDER_WAY
+        writing = [job.label for job in self.model.jobs.running() if job.target is not None]
+        if again or not (run or writing):
             return True
         self._leave_until = monotonic() + _LEAVE_S
-        remedy = f"Press Close again within {_LEAVE_S:.0f} s to stop it, vent and save."
+        cause = "a run is in progress" if run else f"{writing[0]}: no file is written yet"
+        close = f"Press Close again within {_LEAVE_S:.0f} s to"
+        remedy = f"{close} stop it, vent and save." if run else f"{close} leave without it."
         notices = self.model.notices
-        asked = notices.add(Severity.WARNING, "a run is in progress", remedy)
+        asked = notices.add(Severity.WARNING, cause, remedy)
         QTimer.singleShot(int(1000 * _LEAVE_S), self, lambda: notices.dismiss(asked))
         return False
 

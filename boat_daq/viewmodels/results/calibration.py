@@ -287,6 +287,7 @@ class CalibrationModel:
         run, notices = Path(self.result.path), self._services.notices
         label = f"Exporting the calibration of {run.name}"
         job = Job(label, export_calibration, run, target, curve=self.result.curve)
+        job.target = target
         self.jobs.start(f"calibration export {target}", job, notices.ended(lambda _: notices.inform_saved(target)))
 
     def prepare_control(self, path: Path) -> None:

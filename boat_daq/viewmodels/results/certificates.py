@@ -83,5 +83,6 @@ class CertificateModel:
         """Write PDF and XML in the background, beside each other."""
         targets = (target.with_suffix(".pdf"), target.with_suffix(".xml"))
         job = Job("Writing the certificate", write_certificates, self._order, targets)
+        job.target = targets[0]
         saved = self._notices.ended(lambda _: self._notices.inform_saved(targets[0]))
         self._jobs.start(f"certificate {targets[0]}", job, saved)

@@ -12,6 +12,7 @@ import pytest
 
 from boat_daq.engine.snapshot import SessionState
 from boat_daq.gui import main_window
+from boat_daq.workflows.jobs import Job
 
 
 def test_first_close_does_not_end_a_run(live, monkeypatch, qtbot):
@@ -24,6 +25,17 @@ def test_first_close_does_not_end_a_run(live, monkeypatch, qtbot):
     assert live.model.notices.current().cause == "a run is in progress"
     qtbot.waitUntil(lambda: live.model.notices.current() is None)  # it stayed until it was dismissed
     live.leave()
+    live.leave()
+    assert not live.isVisible()
+
+
+def test_first_close_does_not_lose_a_file_that_is_written(live, tmp_path):
+    """A window closed while a report was made left neither the file nor a message."""
+    job = live.model.jobs.start("report", Job("Making the report", time.sleep, 60), lambda job: None)
+    job.target = tmp_path / "r.pdf"
+    live.leave()
+    assert live.isVisible()
+    assert live.model.notices.current().cause == "Making the report: no file is written yet"
     live.leave()
     assert not live.isVisible()
 

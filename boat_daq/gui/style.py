@@ -102,6 +102,7 @@ PLOT_MORE = 64  # for each further plot of a card
 LIVE_PLOTS_MINIMUM = 88
 HEADING_LEAST = 72
 REMARKS_MOST = 84  # words under the figures; more of them scroll
+REMARKS_GROW = 900  # height of a window: they get what is above
 FIGURES_LEAST = 280  # below it the table of figures scrolls
 STRIP_PLOT_HEIGHT = 184  # of all designs by merit; the map below it gets the rest
 ROW_LEAST = 56  # of a live plot; where not all are so high, a choice shows some

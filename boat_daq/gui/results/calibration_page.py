@@ -198,7 +198,8 @@ class TextArea(QScrollArea):
 
     def fit(self) -> None:
         needed = self.texts.heightForWidth(self.viewport().width())
-        self.setFixedHeight(min(max(needed, 0), style.REMARKS_MOST))
+        most = style.REMARKS_MOST + max(self.window().height() - style.REMARKS_GROW, 0)
+        self.setFixedHeight(min(max(needed, 0), most))
 
 
 class CalibrationPage(QWidget):
@@ -371,6 +372,7 @@ class CalibrationPage(QWidget):
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         self._fit_head()
+        self.texts.fit()
         super().resizeEvent(event)
 
     def _fit_head(self) -> None:

@@ -27,6 +27,7 @@ from protocol.base.units import MINUS, Shown, as_text
 
 CACHED_LABELS = 500
 _OVER = 0.1  # of a label's height, which may be outside the area of the axis
+_BEFORE = 26.0  # pixels before a level axis, under the labels of the upright one: half a label of a time
 _BEYOND = 5.0  # pixels of that area above and below an upright axis: labels at its ends reach into the gap
 _VALUE_PLACES = 2  # of a value beside ticks at 1 to 9
 ON_TICK = 1e-9  # of a step
@@ -167,8 +168,10 @@ class TickAxis(pg.AxisItem):  # type: ignore[misc]
 
     def boundingRect(self) -> QRectF:
         """Return the area of the axis and of its labels."""
-        beyond = _BEYOND if self.orientation != "bottom" else 0.0
-        return QRectF(0.0, -beyond, self.size().width(), self.size().height() + 2.0 * beyond)
+        width, height = self.size().width(), self.size().height()
+        if self.orientation == "bottom":
+            return QRectF(-_BEFORE, 0.0, width + _BEFORE, height)
+        return QRectF(0.0, -_BEYOND, width, height + 2.0 * _BEYOND)
 
     def paint(self, painter: QPainter, option: Any, widget: Any) -> None:
         painter.setRenderHint(QPainter.RenderHint.Antialiasing, False)

@@ -53,7 +53,7 @@ from boat_daq.gui.widgets.layouts import PageScroll
 from boat_daq.gui.widgets.panel_guard import PanelGuard
 from boat_daq.viewmodels.app_model import AppModel
 from boat_daq.viewmodels.common.files import TABLE_SUFFIXES, FileKind, kind_of
-from boat_daq.viewmodels.common.notices import Severity
+from boat_daq.viewmodels.common.notices import Notice, Severity
 from boat_daq.viewmodels.common.services import PLACES, TABS, Page, Panel, Place, Tab, page_of
 from boat_daq.viewmodels.live.recording_status import RecordingStatus
 from boat_daq.viewmodels.live.run_model import UNDER_WAY
@@ -77,6 +77,7 @@ class MainWindow(QMainWindow):
         self.pages: dict[Place, Any] = {}  # those that have been shown
         self.follow_theme()  # before there is a widget: each is styled once, where it is shown
         self._leave_until = 0.0
+        self._asked: Notice | None = None  # whether to close
         self._focus_next: QWidget | None = None
         self._used_s, self._frame_ms = thread_time(), 0.0  # processor time of this thread; of a frame, smoothed
         self.guard = PanelGuard(model.notices)
@@ -294,6 +295,7 @@ class MainWindow(QMainWindow):
 
     def vent(self) -> None:
         self.model.session.vent()
+        self.model.notices.dismiss(self._asked)  # no run is in progress then
 
     def escape(self) -> None:
         """Close what is open, else give the focus back to the page or undo what is typed in its field, else vent.
@@ -453,7 +455,7 @@ class MainWindow(QMainWindow):
         close = f"Press Close again within {_LEAVE_S:.0f} s to"
         remedy = f"{close} stop it, vent and save." if run else f"{close} leave without it."
         notices = self.model.notices
-        asked = notices.add(Severity.WARNING, cause, remedy)
+        self._asked = asked = notices.add(Severity.WARNING, cause, remedy)
         QTimer.singleShot(int(1000 * _LEAVE_S), self, lambda: notices.dismiss(asked))
         return False
 

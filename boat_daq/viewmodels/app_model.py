@@ -123,7 +123,7 @@ class AppModel:
 
     def compile_ahead(self) -> None:
         """Compile what is not in the cache in helper processes."""
-        self.jobs.start("missing code", Job("Looking for compiled code", lacks_code), self._compile_missing)
+        self.jobs.start("missing code", Job("Preparing the analysis", lacks_code), self._compile_missing)
 
     def _compile_missing(self, job: Job) -> None:
         if job.result:

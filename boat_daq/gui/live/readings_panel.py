@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from PySide6.QtCore import QAbstractTableModel, QModelIndex, QPersistentModelIndex, Qt, Signal
-from PySide6.QtGui import QFont, QGuiApplication, QKeyEvent, QKeySequence, QResizeEvent, QShowEvent
+from PySide6.QtGui import QFont, QFontMetrics, QGuiApplication, QKeyEvent, QKeySequence, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import (
     QApplication,
     QBoxLayout,
@@ -63,6 +63,7 @@ class ReadingBar(QFrame):
         self._doubted: tuple[int | None, str] | None = None  # what Enter takes when it is pressed again
         self.question = controls.label("", "set", name="Reading that is due", elide=True)
         self.question.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)  # none moves the field
+        self.question.setMinimumHeight(QFontMetrics(style.font(style.FONT_SET)).height())  # nor does a small warning
         self.field = controls.field("Elongation in mm", on_enter=self.enter, width=3 * style.CONTROL_HEIGHT)
         self.field.setProperty("role", "reading")
         show = partial(services.show, Panel.PHOTOGRAPH)

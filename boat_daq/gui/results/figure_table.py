@@ -20,6 +20,7 @@ from protocol.base.units import STORED_UNITS, ShownUnits, as_text, in_shown_unit
 SIDE = style.PANE_WIDTH_WIDE + 10 * style.STEP
 """Width of the table beside the plots of a page."""
 FEW_COLUMNS = 3  # names and two sensors
+STACKED = 3 * style.STACKED_HEIGHT // 2  # height of the table on a page that stacks its parts, at most
 Index = QModelIndex | QPersistentModelIndex
 
 
@@ -100,10 +101,10 @@ class FigureTable(DataTable):
         return rows + 2 * self.frameWidth() + 2 * style.STEP
 
     def stack(self, stacked: bool) -> None:
-        """Show every row on a page that stacks its parts, and scrolls itself."""
+        """Show the key figures whole on a page that scrolls; a longer table scrolls itself, so that its head stays."""
         self._stacked = stacked
         self.setAlternatingRowColors(stacked)  # its values are far from their names
-        self.setMinimumHeight(self.whole_height() if stacked and self.rowCount() else 0)
+        self.setMinimumHeight(min(self.whole_height(), STACKED) if stacked and self.rowCount() else 0)
 
     def resizeEvent(self, event: QResizeEvent) -> None:
         """Give the names the remaining width."""

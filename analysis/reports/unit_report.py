@@ -32,12 +32,7 @@ MOST_NAMED = 8  # curves of a legend
 
 
 def write_unit_report(
-    unit: str,
-    histories: Sequence[UnitHistory],
-    path: str | Path,
-    *,
-    simulated: bool,
-    progress: Progress | None = None,
+    unit: str, histories: Sequence[UnitHistory], path: str | Path, *, simulated: bool, progress: Progress | None = None
 ) -> Report:
     """Write the history of a unit as .html or .pdf; raises BoatDaqError for another ending, or a refused file."""
     return write_built(partial(unit_report, unit, histories, simulated=simulated), Path(path), progress)
@@ -178,7 +173,7 @@ def _uncertainty(history: UnitHistory, sensor: int, ax: Axes) -> None:
     """U of an elongation at the check point of every calibration, over dates."""
     _over_dates(history, history.expanded_mm, ax, sensor)
     if np.isfinite(history.expanded_mm).any():
-        ax.set_ylim(0.0, 1250.0 * float(np.nanmax(history.expanded_mm)))
+        ax.set_ylim(0.0, 1.25 * float(np.nanmax(history.expanded_mm)))
     ax.set(ylabel="U, mm", title=f"Uncertainty at {history.check_point_mm:g} mm, k = 2")
 
 

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from analysis import fit_calibration
 from analysis.history.unit_history import DatedCalibration, UnitHistory, history_of
 from analysis.reports.html import render_html
-from analysis.reports.unit_report import curve_differences, unit_report, write_unit_report
+from analysis.reports.unit_report import _uncertainty, curve_differences, unit_report, write_unit_report
 from protocol.base.errors import RequestError
 from tests.analysis.boat_builder import PAPER
 
@@ -47,3 +48,10 @@ def test_curves_are_compared_with_the_first() -> None:
     for k, (x, difference) in enumerate(curve_differences(history(0, (3, 3, 3)))):
         assert x.size > 10
         assert difference == pytest.approx(k, abs=0.3)
+
+
+def test_uncertainty_fills_its_plot() -> None:
+    """Truth: U is 0.05 mm everywhere. An axis to 1250 times of it showed a line at zero."""
+    ax = Figure().add_subplot()
+    _uncertainty(history(0), 0, ax)
+    assert ax.get_ylim() == pytest.approx((0.0, 1.25 * 0.05))

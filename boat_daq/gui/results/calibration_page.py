@@ -24,13 +24,7 @@ from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.gui.widgets.layouts import Divided, EmptyState, Leaves, Shares
 from boat_daq.viewmodels.common.services import Page, Panel, Services, Tab
-from boat_daq.viewmodels.results.calibration import (
-    ACCEPT,
-    ANYWAY,
-    CURVE_CHOICES,
-    IN_PROGRESS,
-    CalibrationModel,
-)
+from boat_daq.viewmodels.results.calibration import ACCEPT, ANYWAY, CURVE_CHOICES, IN_PROGRESS, CalibrationModel
 from boat_daq.viewmodels.results.calibration_texts import NextStep, missing, warnings
 from boat_daq.viewmodels.results.run_result import CurveBands, RunResult, SensorResult
 from protocol.base.arrays import FloatArray
@@ -203,14 +197,11 @@ class TextArea(QScrollArea):
 
 
 class CalibrationPage(QWidget):
-    def __init__(
-        self,
-        model: CalibrationModel,
-        services: Services,
-    ) -> None:
+    def __init__(self, model: CalibrationModel, services: Services) -> None:
         super().__init__()
         self.model, self.services = model, services
         self._revision, self._step = -1, NextStep.NONE
+        self._looked: tuple[object, ...] = ()  # when it was last looked for a last run
         self.curves: list[CurveCard] = []
         self.curve_grid = QGridLayout()
         self.curve_grid.setSpacing(style.GAP)
@@ -399,7 +390,9 @@ class CalibrationPage(QWidget):
         self.empty.say("No run has been analysed yet", text, "Go to Measure" if why else _ANALYSE_LAST)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:
-        if self.model.result is None and not self.model.working:
+        looked = self.model.revision, snapshot.state, snapshot.link, snapshot.simulated, snapshot.recording
+        if self.model.result is None and not self.model.working and looked != self._looked:
+            self._looked = looked  # the last run is looked for in a folder of any number of recordings
             self._say_why_empty()
         if self.model.revision == self._revision:
             return

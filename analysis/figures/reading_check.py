@@ -71,13 +71,7 @@ class CheckedReading:
     @property
     def text(self) -> str:
         """Reading, place and fault, e.g. `+10.00 mm at +10 kPa, loading, cycle 2, 9.2 mm from the others`."""
-        place = self.place.partition(" kPa")[2]
-        at = Quantity(self.kpa, "kPa", "+.0f")
-        return UnitText(Quantity(self.mm, "mm", "+.2f"), " at ", at, f"{place}, ", self.why)
-
-    @property
-    def long_text(self) -> str:
-        return f"{self.mm:+z.2f} mm at {self.place}, {self.why}"
+        return UnitText(Quantity(self.mm, "mm", "+.2f"), " at ", self.place, ", ", self.why)
 
     @property
     def of_sensors(self) -> str:
@@ -141,7 +135,7 @@ def without_wrong_readings(run: SegmentedRun) -> tuple[SegmentedRun, tuple[Warni
         return run, ()
     x = run.elongations.elongation_mm.copy()
     x[[one.plateau for one in off]] = np.nan
-    texts = (f"the reading {one.long_text} is left out ({one.of_sensors})" for one in off)
+    texts = (f"the reading {one.text} is left out ({one.of_sensors})" for one in off)
     warnings = tuple(Warning(WarningCode.READING_LEFT_OUT, "", text) for text in texts)
     return run.with_elongations(replace(run.elongations, elongation_mm=x)), warnings
 

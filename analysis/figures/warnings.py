@@ -122,10 +122,10 @@ def _reading_texts(checked: Sequence[CheckedReading]) -> Iterator[tuple[WarningC
     """Yield the readings to be checked, and those that were confirmed with the reason."""
     for one in checked:
         if one.confirmed:
-            yield WarningCode.READING_CONFIRMED, f"the reading {one.long_text}, is confirmed: {one.confirmed}"
+            yield WarningCode.READING_CONFIRMED, f"the reading {one.text}, is confirmed: {one.confirmed}"
         else:
             code = WarningCode.OUTLIER if one.fault is ReadingFault.OFF else WarningCode.HIGH_LEVERAGE
-            yield code, f"check the reading {one.long_text} ({one.of_sensors})"
+            yield code, f"check the reading {one.text} ({one.of_sensors})"
 
 
 def reading_grid(run: SegmentedRun) -> dict[str, float | str | None] | None:
@@ -180,10 +180,7 @@ def _excursions_text(excursions: Sequence[Excursion], time_s: FloatArray) -> str
 
 def _sensor_warnings(sensor: SensorAnalysis, run: SegmentedRun) -> list[Warning]:
     """Return the warnings of one sensor: its signal, its figures, its calibration."""
-    found = [
-        *_signal_texts(run, run.recording.sensor_names.index(sensor.name)),
-        *_figure_texts(sensor),
-    ]
+    found = [*_signal_texts(run, run.recording.sensor_names.index(sensor.name)), *_figure_texts(sensor)]
     fso = sensor.figures["fso_mv"].value
     if fso > 0 and abs(sensor.drift_mv) > NOTICED_PERCENT / 100.0 * fso:
         share = percent(abs(sensor.drift_mv) / fso, 2)

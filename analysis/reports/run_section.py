@@ -34,15 +34,10 @@ NEGLIGIBLE_LIFT = 0.02  # % FSO: less is not seen in a figure of two decimals
 
 def key_figures(analysis: Analysis, verdict: Verdict) -> Section:
     """The readings that were confirmed, the figures looked for first, limits that were set, and the curves."""
-    checked = [f"The reading {one.long_text}, is confirmed: {one.confirmed}." for one in verdict.confirmed]
+    checked = [f"The reading {one.text}, is confirmed: {one.confirmed}." for one in verdict.confirmed]
     return Section(
         "Key figures",
-        (
-            *checked,
-            *_figure_tables(analysis, KEY_FIGURES),
-            *_conformity_tables(analysis, verdict),
-            *curves(analysis),
-        ),
+        (*checked, *_figure_tables(analysis, KEY_FIGURES), *_conformity_tables(analysis, verdict), *curves(analysis)),
     )
 
 

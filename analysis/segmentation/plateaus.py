@@ -83,7 +83,7 @@ class Plateau:
         pressure = UnitText(Quantity(self.pressure_kpa, "kPa", "+.0f")) if np.isfinite(self.pressure_kpa) else ""
         branch = {"start": "opening"}.get(self.branch, self.branch)
         cycle = f"cycle {self.cycle}" if self.cycle and self.branch != "start" else ""
-        return ", ".join(part for part in (pressure, branch, cycle) if part)
+        return UnitText(", ").joined(part for part in (pressure, branch, cycle) if part)
 
 
 def find_plateaus(recording: Recording, cycles: Cycles, settings: PlateauSettings | None = None) -> tuple[Plateau, ...]:

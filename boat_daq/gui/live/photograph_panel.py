@@ -192,10 +192,11 @@ class PhotographPanel(QDialog):
         text = step if waits or x is None else NO_PLATEAU
         warning = self.run.readings.doubt(waiting.step_id, x) if waiting is not None and x is not None else ""
         question = f"\n{self.run.readings.question(self.run.snapshot)}" if waits else ""
-        controls.set_text(self.instruction, f"\u25b2 {warning}{question}" if warning else text + question)
+        value = self.run.readings.text(x) if x is not None else NOTHING
+        controls.set_text(self.instruction, (f"\u25b2 {value}? {warning}" if warning else text) + question)
         controls.set_state(self.instruction, "warning" if warning else "")
         controls.set_text(self.take, "Take it anyway" if warning else TAKE)
-        self.value.setText(self.run.readings.text(x) if x is not None else NOTHING)
+        self.value.setText(value)
         self.take.setEnabled(x is not None and waits)
         self.view.show_marks(self.state.clicks)
 

@@ -142,7 +142,7 @@ class ReadingBar(QFrame):
         without_cycle = self._due.rpartition(", ")[0]  # which the line of the run names, too
         if warning:
             keep, again = ("Keep ", f", {AGAIN}" if self._short else "") if self._doubted is not None else ("", "")
-            place, why = without_cycle + (": " if self._narrow else NEW_LINE), warning.partition("? ")[2] + again
+            place, why = without_cycle + (": " if self._narrow else NEW_LINE), warning + again
             whole = f"\u25b2 {place}{keep}{text.strip()}? {why}"
             controls.set_text(self.question, whole, shorter=f"\u25b2 {place}{why}")
         else:
@@ -162,7 +162,7 @@ class ReadingBar(QFrame):
         if at and step is not None:
             cause = f'"{text}" was typed at {at}, but not entered before the run continued'
             offer = ("Enter it there", partial(readings.enter, step, text))
-            why = readings.warning(step, text).partition("? ")[2]
+            why = readings.warning(step, text)
             remedy = " ".join(filter(None, (why and f"{why}.", "It is kept in the table of readings.")))
             notice = self.notices.add(Severity.WARNING, cause, remedy, action=offer)
             self._offers[step] = notice, self.run.snapshot.recording
@@ -319,7 +319,7 @@ class ReadingsTableModel(QAbstractTableModel):
         kept = False
         if warning and asked != self._doubted:
             self.readings.typed[step.number] = text
-            cause = f"{warning}, at {place(step, self.readings.units)}"
+            cause = f"{text}? {warning}, at {place(step, self.readings.units)}"
             self.notices.add(Severity.WARNING, cause, f"Enter {text} again to take it.")
         else:
             kept = self.notices.attempt(lambda: self.readings.enter(step.number, text))

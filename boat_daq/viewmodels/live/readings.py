@@ -236,7 +236,7 @@ class ReadingsModel:
             why = f"other readings give {self.text(mm - apart_mm)}"
         elif not why and any(x == mm and abs(o.target_kpa - step.target_kpa) > APART_KPA for o, x in before):
             why = f"the same as at {target(before[0][0].target_kpa, self.units)}"
-        return f"{self.text(mm)}? {why[:1].upper()}{why[1:]}" if why else ""
+        return why[:1].upper() + why[1:]
 
     def _beyond_nominal(self, target_kpa: float, mm: float) -> str:
         """Return the model's elongation with its band where a reading is outside it; else, or while unknown, empty."""

@@ -286,7 +286,7 @@ def test_implausible_reading_of_the_table_is_asked_for_again(running):
     for text in ("14", "1.5", "15"):
         table.setData(at, text)
     assert [reading.elongation_mm for reading in session.kept] == [1.5]
-    assert running.model.notices.current().cause == "+15.00 mm? Model +1.4 \u00b10.6 mm, at +20 kPa, unloading, cycle 1"
+    assert running.model.notices.current().cause == "15? Model +1.4 \u00b10.6 mm, at +20 kPa, unloading, cycle 1"
     running.refresh()
     assert (table.data(at, Qt.ItemDataRole.EditRole), table.rows[at.row()].cells[4]) == ("15", "15: not entered")
     table.setData(at, "15")

@@ -1,9 +1,8 @@
 """The verdict of a run: what its calibration may be used for, as one value for window, report, commands and files.
 
 A calibration is usable where its U is known and at most a tenth of its range, no reading is to be checked, and no limit
-is failed. U is the largest over
-the range, of one reading by all sensors together, as the live display gives it. The limits are those that the user set,
-else the published ones; without a calibration they alone give the verdict.
+is failed. U is the largest over the range, of one reading by all sensors together, as the live display gives it. The
+limits are those that the user set, else the published ones; without a calibration they alone give the verdict.
 """
 
 from __future__ import annotations
@@ -239,12 +238,12 @@ def _code_of(
     analysis: Analysis, readings: Sequence[CheckedReading], unknown: str, *, large: bool, missed: bool
 ) -> tuple[VerdictCode, str]:
     """Return what decides the verdict and the reason; a reading that is off may be why a curve turns."""
-    void = {s.calibration_void: "" for s in analysis.sensors if s.calibration is None}
-    for why in void:
-        without = (s for s in analysis.sensors if s.calibration is None and s.calibration_void == why)
-        void[why] = f"{', '.join(sensor_text(s.name) for s in without)} ({why})"
-    if void:
-        return VerdictCode.NO_CURVE, "; ".join(void.values())
+    without: dict[str, list[str]] = {}  # names of the sensors without a curve, by the reason
+    for sensor in analysis.sensors:
+        if sensor.calibration is None:
+            without.setdefault(sensor.calibration_void, []).append(sensor_text(sensor.name))
+    if without:
+        return VerdictCode.NO_CURVE, "; ".join(f"{', '.join(names)} ({why})" for why, names in without.items())
     if readings:
         return VerdictCode.READINGS_TO_CHECK, unknown
     for sensor in analysis.sensors:

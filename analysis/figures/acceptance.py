@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from analysis import published
+from analysis.calibration.type_b import NO_SPREAD
 from analysis.conformity import Conformity, ConformityStatement, conformity_statement
 from analysis.figures.figure import SENSOR_FIGURES, Figure, Reason, sensor_text
 from analysis.json_object import json_object
@@ -59,6 +60,7 @@ TOLERANCES = (
     Tolerance("snr_db", 38.7, "twice the published noise", is_lower=True),
 )
 SET_BY_USER = "set by the user"
+_ALONE = {"sensor_hysteresis_percent_fso": "hysteresis"}  # of a sensor without its actuator
 _MORE_DECIMALS = 3  # of a value that its usual ones round to the limit
 
 
@@ -80,7 +82,7 @@ class LimitStatement:
     def text(self) -> str:
         """Phrase and probability, e.g. `hysteresis, sensor 1: 4.95 % FSO, limit 5 % FSO, conformity 80 % probable`."""
         probable, one = self.statement.probability, self.figure.reason is Reason.ONE_CYCLE
-        unknown = "one cycle gives no uncertainty: run three" if one else "its uncertainty is not known"
+        unknown = f"{NO_SPREAD}: run three" if one else "its uncertainty is not known"
         return f"{self.phrase}, {f'conformity {percent(probable)} probable' if math.isfinite(probable) else unknown}"
 
     @property
@@ -91,9 +93,8 @@ class LimitStatement:
         unit = f" {figure.unit}" if figure.unit else ""
         form = ".3g" if definition is None else f".{self.decimals(definition.decimals)}f"
         value = f"{figure.value:{form}}{unit}" if math.isfinite(figure.value) else "not known"
-        whose = f"{name}, {sensor_text(self.sensor)}"
-        if name.endswith(", sensor"):
-            whose = f"{name.removesuffix(', sensor')}, {sensor_text(self.sensor)} alone"
+        alone = _ALONE.get(self.tolerance.key)
+        whose = f"{alone or name}, {sensor_text(self.sensor)}{' alone' if alone else ''}"
         return f"{whose}: {value}, limit {self.tolerance.limit:g}{unit}"
 
     def decimals(self, usual: int) -> int:

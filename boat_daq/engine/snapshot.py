@@ -330,6 +330,11 @@ class SessionSnapshot:
     elongation: ElongationControl | None = None  # while it is controlled
 
     @property
+    def commanded(self) -> bool:
+        """Whether the board commands a pressure, in a run or by hand."""
+        return self.last is not None and math.isfinite(self.last.target_kpa)
+
+    @property
     def saves_nothing(self) -> bool:
         """Whether the recording in progress is not saved now."""
         return bool(self.not_saving) or (self.health is not None and self.health.lag_ms > NOT_SAVED_MS)

@@ -5,7 +5,6 @@ Its plots are the rays of a state, NDR over the states, the designs by merit, an
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -54,12 +53,6 @@ MERIT = "P = range / (increases × rms residual), relative to the best; click a 
 STRIP = "Designs by falling figure of merit; filled: cannot be told from the best; click one to show it"
 WHAT_COMES = "Press \u201cSweep all designs\u201d to find which of 648 designs is best, and how sure that is."
 RUNNING = "Under pressure: nothing is traced until the run has ended and the unit is vented."
-
-
-def _is_held(snapshot: SessionSnapshot) -> bool:
-    """Return whether a pressure is commanded by hand, beside an armed plan, too."""
-    last = snapshot.last
-    return snapshot.link is LinkState.UP and last is not None and math.isfinite(last.target_kpa)
 
 
 def designs(sweep: SweepSummary) -> dict[str, Any]:
@@ -389,7 +382,8 @@ class OpticsPage(ReflowingPage):
         """Show design and sweep where they have changed; the first call traces the paper's design."""
         model = self.model
         if snapshot is not None:
-            model.blocked = RUNNING if snapshot.state in UNDER_WAY or _is_held(snapshot) else ""
+            held = snapshot.link is LinkState.UP and snapshot.commanded  # by hand, beside an armed plan, too
+            model.blocked = RUNNING if held or snapshot.state in UNDER_WAY else ""
         waited = model.problem == RUNNING and not model.blocked
         if waited or (model.result is None and not model.running("optics") and not model.problem):
             model.choose(model.values)

@@ -193,8 +193,8 @@ class SessionMessages:
 
     def follow(self, snapshot: SessionSnapshot) -> None:
         """Add what is new; dismiss what a restored link has settled."""
-        connected, last = snapshot.link is LinkState.UP, snapshot.last
-        before, self._commanded = self._commanded, last is not None and math.isfinite(last.target_kpa)
+        connected = snapshot.link is LinkState.UP
+        before, self._commanded = self._commanded, snapshot.commanded
         if self._commanded and not before:
             self._settle(self._of_control)
         for message in snapshot.messages:

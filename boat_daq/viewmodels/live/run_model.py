@@ -265,7 +265,7 @@ class RunModel:
         if not is_unknown(snapshot):
             if last is None or snapshot.link is not LinkState.UP:
                 return ""
-            if snapshot.state not in UNDER_WAY and abs(last.pressure_kpa) < VENTED_KPA and math.isnan(last.target_kpa):
+            if snapshot.state not in UNDER_WAY and abs(last.pressure_kpa) < VENTED_KPA and not snapshot.commanded:
                 return ""
             if (text := self.live.headline(snapshot).pressure) != NOTHING:
                 return f"{text} {as_text(self.live.units.shown('kPa').symbol)}"

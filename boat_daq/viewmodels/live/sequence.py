@@ -416,7 +416,7 @@ def holding_text(snapshot: SessionSnapshot, units: ShownUnits = STORED_UNITS) ->
         off = there and not abs(loop.elongation_mm - loop.target_mm) <= max(loop.u_mm, NEAR_MM)  # or not known
         goal = in_units(units, "mm", loop.target_mm, 2)
         goal += "" if off else f" at {target(last.pressure_kpa, units)}"
-    elif math.isfinite(last.target_kpa):
+    elif snapshot.commanded:
         there = abs(last.pressure_kpa - last.target_kpa) < VENTED_KPA
         goal = target(last.target_kpa, units)
     else:
@@ -476,9 +476,8 @@ def progress_text(snapshot: SessionSnapshot, leave_out: int = 0, units: ShownUni
         return as_shown(ended.cause, units)
     if snapshot.why_read_only:
         return f"read only: {snapshot.why_read_only}"
-    last = snapshot.last
-    if snapshot.state is SessionState.ARMED and last is not None and math.isfinite(last.target_kpa):
-        return f"{target(last.target_kpa, units)} is held: press VENT before Start"
+    if snapshot.state is SessionState.ARMED and snapshot.last is not None and snapshot.commanded:
+        return f"{target(snapshot.last.target_kpa, units)} is held: press VENT before Start"
     if progress is None:
         held = elongation_text(snapshot, units)
         return held[:1].lower() + held[1:]

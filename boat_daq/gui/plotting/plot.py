@@ -31,7 +31,6 @@ IN_FRONT = 10  # of the data; what is higher covers other labels, too
 FILLED_POINTS = 64  # points of a surface of a band
 COSMETIC = 0.0  # a pen of this width is one pixel at any zoom and adds nothing to the bounds
 _HALF_A_PIXEL = QTransform.fromTranslate(0.5, 0.5)
-_NEAR_SHARE = 0.08  # of a height: two numbers that are nearer cover each other
 _SEEN_SHARE = 0.01  # of a height: a lower band is covered by its line
 DASHES_PX = 6.0  # after so many the patterns of dashed and of dotted lines begin again
 
@@ -254,27 +253,6 @@ class PointLabels:
             item.fill = pg.mkBrush(theme.surface if self._ground else None)
 
 
-def number_labels(curves: Sequence[tuple[FloatArray, FloatArray]]) -> list[tuple[float, float, str]]:
-    """Return the numbers of curves (x, y of one length), from 1, each where its curve is farthest from the others.
-
-    Those of curves that are alike everywhere are at different places; an empty curve has none.
-    """
-    values = [y for _, y in curves if y.size]
-    near = _NEAR_SHARE * float(np.ptp(np.concatenate(values))) if values else 0.0
-    labels = []
-    for i, (x, y) in enumerate(curves):
-        if not x.size:
-            continue
-        apart = np.full(x.size, np.inf)
-        for other_x, other_y in (other for k, other in enumerate(curves) if k != i and other[0].size):
-            apart = np.fmin(apart, np.abs(y - np.interp(x, other_x, other_y, left=np.nan, right=np.nan)))
-        at = int(np.argmax(np.where(np.isfinite(apart), apart, 0.0)))
-        if not near < apart[at] < np.inf:
-            at = round((i + 0.5) / len(curves) * (x.size - 1))
-        labels.append((float(x[at]), float(y[at]), str(i + 1)))
-    return labels
-
-
 class CornerText:
     """A text in the upper right corner of a plot, whatever its range."""
 
@@ -476,8 +454,7 @@ class Plot:
     ) -> Any:
         item = pg.InfiniteLine(pos=at, angle=90 if vertical else 0, movable=movable)
         if label:
-            text = label.replace("{", "{{").replace("}", "}}")  # pyqtgraph formats the label
-            item.label = LineLabel(item, text=text)
+            item.label = LineLabel(item, text=label.replace("{", "{{").replace("}", "}}"))  # pyqtgraph formats it
             item.setZValue(z)  # its text is in front of the data
             item.label.setFont(style.small_font())
             # below the upper edge on the side with space, or inside the right edge: visible on a small plot too
@@ -627,7 +604,7 @@ class Plot:
             if type(layer) is Curve and layer.x.size > 1 and rising and layer.x[0] <= x <= layer.x[-1]:
                 text = f"{self.left.value_text(float(np.interp(x, layer.x, layer.y)))} at {text}"
                 break
-        self.cursor.label.setFormat(text.replace("{", "{{").replace("}", "}}"))
+        self.cursor.label.setFormat(text)
 
     def fit(self, *, x_margin: float = 0.04, smallest: float = 0.0, also_y: Sequence[float] = ()) -> None:
         """Show all that is drawn and the heights `also_y`, at least `smallest` high; not in a frame."""
@@ -674,8 +651,8 @@ class Plot:
                 item.setHoverPen(pg.mkPen(colour(theme), width=2, style=pen_style))
             if hasattr(item, "label"):
                 item.label.setColor(colour(theme))
-                ground = style.colour(theme.surface, *([style.LABEL_OPACITY] if item.zValue() == IN_FRONT else []))
-                item.label.ground = ground
+                opacity = style.LABEL_OPACITY if item.zValue() <= IN_FRONT else 255
+                item.label.ground = style.colour(theme.surface, opacity)
                 item.label.valueChanged()
 
     def label_x(self, title: str, unit: str) -> None:

@@ -32,7 +32,7 @@ from PySide6.QtWidgets import (
 
 from boat_daq.engine.snapshot import SessionSnapshot
 from boat_daq.gui import style
-from boat_daq.gui.plotting.plot import Curve, PointLabels, ThemeColour, number_labels
+from boat_daq.gui.plotting.plot import Curve, PointLabels, ThemeColour
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.results.closed_readings import ClosedReadings
 from boat_daq.gui.results.metadata_form import MetadataForm
@@ -45,6 +45,7 @@ from boat_daq.gui.widgets.layouts import EmptyState, Leaves, Shares
 from boat_daq.gui.widgets.text_dialog import TextDialog
 from boat_daq.viewmodels.common.files import TABLE_KINDS
 from boat_daq.viewmodels.common.services import Page, Place, Services, Tab
+from boat_daq.viewmodels.live.axis import number_labels
 from boat_daq.viewmodels.results.run_entry import RUN_HEADINGS, RunEntry, obstacle, selection_text
 from boat_daq.viewmodels.results.runs import RunsModel
 from protocol.base.units import as_text
@@ -93,11 +94,7 @@ class Thumbnail(QStyledItemDelegate):
 
 class RunsPage(QWidget):
     def __init__(
-        self,
-        model: RunsModel,
-        calibrate: Callable[[Path], None],
-        resume: Callable[[Path], None],
-        services: Services,
+        self, model: RunsModel, calibrate: Callable[[Path], None], resume: Callable[[Path], None], services: Services
     ) -> None:
         super().__init__()
         self.model, self.services = model, services

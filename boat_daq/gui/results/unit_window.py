@@ -7,7 +7,7 @@ from PySide6.QtCore import Qt, QTimerEvent
 from PySide6.QtWidgets import QDialog, QGridLayout, QWidget
 
 from boat_daq.gui import style
-from boat_daq.gui.plotting.plot import Curve, Points, number_labels, ramp_colour, sensor_colour
+from boat_daq.gui.plotting.plot import Curve, Points, ramp_colour, sensor_colour
 from boat_daq.gui.plotting.plot_card import PlotCard
 from boat_daq.gui.results.repeat_page import FILLED, SYMBOLS
 from boat_daq.gui.widgets import controls
@@ -15,6 +15,7 @@ from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_save
 from boat_daq.gui.widgets.layouts import PageScroll
 from boat_daq.viewmodels.common.services import Services
+from boat_daq.viewmodels.live.axis import number_labels
 from boat_daq.viewmodels.results.unit_over_time import UnitOverTimeModel, check_point, history_headings, unit_rows
 from boat_daq.workflows.unit_history import UnitOverTime
 from protocol.base.arrays import FloatArray

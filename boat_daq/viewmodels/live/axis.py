@@ -6,18 +6,20 @@ Called at a few hertz, never in the frame: pyqtgraph's own autorange doubles the
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from boat_daq.formatting import duration
+from protocol.base.arrays import FloatArray
 from protocol.base.units import MINUS
 
 LADDER = (1.0, 2.0, 5.0)
 TICK_PX = 14.0  # of one label
 LEAST_PX, END_PX = 10.0, 1.0  # between two labels at least; of a label from the end of its axis
 CONSTANT_RANGE = 1e-9  # of a value: a range so narrow is that of a constant
+_NEAR_SHARE = 0.08  # of a height: two numbers that are nearer cover each other
 DIVISIONS = 7  # at most so many labelled ticks over a range
 
 
@@ -103,7 +105,7 @@ class SteadyRange:
         self._roomy_since = math.nan
 
 
-def extremes(*columns: NDArray[np.float64]) -> tuple[float, float]:
+def extremes(*columns: FloatArray) -> tuple[float, float]:
     """Return the least and greatest finite value of all `columns`; NaN, NaN where there is none."""
     low, high = math.inf, -math.inf
     for column in columns:
@@ -144,3 +146,24 @@ def clock(time_s: float, step_s: float, unit: str = "min:s") -> str:
         return f"{time_s:.{max(1, -math.floor(math.log10(step_s)))}f}".replace("-", MINUS)
     text = duration(abs(time_s))
     return (MINUS if time_s < -0.5 else "") + (f"0:{text:0>5}" if unit == "h:min:s" and text.count(":") < 2 else text)
+
+
+def number_labels(curves: Sequence[tuple[FloatArray, FloatArray]]) -> list[tuple[float, float, str]]:
+    """Return the numbers of curves (x, y of one length), from 1, each where its curve is farthest from the others.
+
+    Those of curves that are alike everywhere are at different places; an empty curve has none.
+    """
+    values = [y for _, y in curves if y.size]
+    near = _NEAR_SHARE * float(np.ptp(np.concatenate(values))) if values else 0.0
+    labels = []
+    for i, (x, y) in enumerate(curves):
+        if not x.size:
+            continue
+        apart = np.full(x.size, np.inf)
+        for other_x, other_y in (other for k, other in enumerate(curves) if k != i and other[0].size):
+            apart = np.fmin(apart, np.abs(y - np.interp(x, other_x, other_y, left=np.nan, right=np.nan)))
+        at = int(np.argmax(np.where(np.isfinite(apart), apart, 0.0)))
+        if not near < apart[at] < np.inf:
+            at = round((i + 0.5) / len(curves) * (x.size - 1))
+        labels.append((float(x[at]), float(y[at]), str(i + 1)))
+    return labels

@@ -21,10 +21,10 @@ from PySide6.QtTest import QTest
 from PySide6.QtWidgets import QApplication, QFileDialog
 
 from analysis import load_recording
-from boat_daq.gui.plotting.plot import number_labels
 from boat_daq.gui.results import runs_page
 from boat_daq.gui.style import DARK, LIGHT, THUMBNAIL
 from boat_daq.gui.widgets.text_dialog import TextDialog
+from boat_daq.viewmodels.live.axis import number_labels
 from boat_daq.viewmodels.results import runs as runs_model
 from boat_daq.viewmodels.results.run_entry import MOST_COMPARED, RUN_HEADINGS, read_run
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring

@@ -22,7 +22,7 @@ from boat_daq.viewmodels.common.services import Page, Panel, Services
 from boat_daq.viewmodels.live.connection import ConnectionModel, link_text
 from boat_daq.viewmodels.live.outlets import OutletsModel
 from boat_daq.viewmodels.live.recording_status import RecordingStatus, RecordingText
-from boat_daq.viewmodels.live.unit_in_use import UnitInUse, UnitLine
+from boat_daq.viewmodels.live.unit_in_use import UnitInUse
 from boat_daq.workflows.jobs import JobRunner
 
 _FIGURES = 4
@@ -63,7 +63,7 @@ class Header(QWidget):
         self.outlets = controls.button("", show_outlets, "outlets", name="Streams and remote control")
         self.outlets.hide()
         self._open_outlets = outlets.view()
-        self._unit_text = UnitLine("", "", "")
+        self._units = ("", "", "")  # alone, with its calibration, with the date of that
         self._links = ("", "", "")  # the sign alone, with its word, with the board's name
         self._lengths: tuple[object, ...] = ()
         self.vent = vent_button(vents.this)
@@ -128,7 +128,7 @@ class Header(QWidget):
         levels, outlets, sign = self._levels, self._open_outlets, "\u21c4"
         self.recording.fold(levels[self.recording.badge])
         controls.set_text(self.link, self._links[levels[self.link]])
-        controls.set_text(self.unit, self._unit_text[2 - levels[self.unit]])
+        controls.set_text(self.unit, self._units[levels[self.unit]])
         controls.set_text(self.outlets, (sign, outlets.short, outlets.badge)[levels[self.outlets]])
         controls.set_state(self.outlets, "" if levels[self.outlets] else "sign", "fold")
         for label in self.figures:
@@ -166,20 +166,13 @@ class Header(QWidget):
         self.pressure.setVisible(bool(pressure))
         self.recording.refresh(snapshot)
         self._refresh_outlets()
-        self._unit_text = self.unit_in_use.text(snapshot)
+        self._units = self.unit_in_use.texts(snapshot)
         self.link.setToolTip("\n".join((_CHOOSE, words, *(figure for figure, _ in text.figures))))
         library = "simulated" if snapshot.simulated else "real"
-        self.unit.setToolTip(f"{self._unit_text.whole}\nThe unit in use and its calibration as a {library} unit")
+        self.unit.setToolTip(f"{self._units[-1]}\nThe unit in use and its calibration as a {library} unit")
         widths = ((len(figure), state) for figure, state in text.figures)
-        lengths = (
-            words,
-            snapshot.simulated,
-            len(pressure),
-            self._unit_text,
-            self._open_outlets.badge,
-            *self.recording.lengths(),
-            *widths,
-        )
+        parts = words, snapshot.simulated, len(pressure), self._units, self._open_outlets.badge
+        lengths = *parts, *self.recording.lengths(), *widths
         if lengths != self._lengths:  # digits have one width: where no figure is longer, nothing is measured again
             self._lengths = lengths
             self._fit()

@@ -6,7 +6,6 @@ It is prepared on a helper thread: the analysis takes a moment to load, which mu
 from __future__ import annotations
 
 from time import monotonic
-from typing import NamedTuple
 
 from analysis.calibration.record import CalibrationRecord
 from boat_daq.engine.control.elongation import Regulator
@@ -38,14 +37,6 @@ TEXTS = {  # cause and remedy
 }
 
 
-class UnitLine(NamedTuple):
-    """Unit and calibration in a line, the same without its date, and the unit alone."""
-
-    whole: str
-    undated: str
-    name: str
-
-
 class UnitInUse:
     """Keeps the live conversion in step with the unit's calibration in force."""
 
@@ -59,12 +50,13 @@ class UnitInUse:
     def name(self, snapshot: SessionSnapshot) -> str:
         return snapshot.unit or self._connection.unit
 
-    def text(self, snapshot: SessionSnapshot) -> UnitLine:
+    def texts(self, snapshot: SessionSnapshot) -> tuple[str, str, str]:
+        """Return the unit alone, with its calibration, and with the date of it."""
         name, record = self.name(snapshot), self._record
         start = f"{name}  \u00b7  {'not ' if record is None else ''}calibrated"
         date = f" {record.calibrated_utc[:10]}" if record is not None else ""
         end = ", out of tolerance" if record is not None and record.out_of_tolerance else ""
-        return UnitLine(f"{start}{date}{end}", f"{start}{end}", name)
+        return name, f"{start}{end}", f"{start}{date}{end}"
 
     @property
     def calibration_id(self) -> str:

@@ -17,7 +17,6 @@ from boat_daq.engine.snapshot import (
     SessionState,
 )
 from boat_daq.gui.header import Vents
-from boat_daq.viewmodels.live.unit_in_use import UnitLine
 from protocol.link.events import LinkStatistics
 from tests.boat_daq.gui.results.run_results import run_result
 from tests.boat_daq.gui.windows import CALIBRATED, NARROW
@@ -47,7 +46,7 @@ def test_header_is_never_cut(live):
     assert "Delay 10.9 s" in live.header.link.toolTip()  # 10 851 ms was cut to m
     assert live.header.figures[0].text() == "99.9 Hz\u2007"  # as wide as 100.0 Hz
     live.model.session.change(health=health)
-    live.model.unit.text = lambda _: CALIBRATED
+    live.model.unit.texts = lambda _: CALIBRATED
     head = live.header
     for width in (NARROW, 960, 1280):
         live.resize(width, 533)
@@ -59,7 +58,7 @@ def test_header_is_never_cut(live):
         assert "12 lost" in [f.text() for f in head.figures if f.isVisible()], width
         assert "Delay 3 ms" in head.link.toolTip()
         assert "2026-11-22" in head.unit.toolTip()
-        assert head.unit.text() == CALIBRATED[width != 1280], width
+        assert head.unit.text() == CALIBRATED[2 if width == 1280 else 1], width
         room = head.width() - head._needed() - head.line.spacing()
         left_out = [f for f in head.figures if f.text() and f.isHidden()]
         assert all(f.sizeHint().width() > room for f in left_out), width  # none that would have room
@@ -89,7 +88,7 @@ def test_calibration_of_a_virtual_unit_is_not_shown_on_a_real_board(live):
 def test_narrow_header_does_not_cut_the_verdict_on_a_unit(live):
     """Not calibrated was cut to "not": only a date is left out."""
     live.resize(960, 533)
-    live.model.unit.text = lambda _: UnitLine("SA1  \u00b7  not calibrated", "SA1  \u00b7  not calibrated", "SA1")
+    live.model.unit.texts = lambda _: ("SA1", "SA1  \u00b7  not calibrated", "SA1  \u00b7  not calibrated")
     live.refresh()
     QApplication.processEvents()
     assert live.header.unit.text() in ("SA1  \u00b7  not calibrated", "SA1")

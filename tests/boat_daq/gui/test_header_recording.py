@@ -62,7 +62,7 @@ def test_header_with_a_recording_is_never_cut(live, tmp_path):
             live.model.session.change(
                 hello=HELLO, health=health, recording=tmp_path / "a.boat", recorded_s=65.0, state=state
             )
-            live.model.unit.text = lambda _: CALIBRATED
+            live.model.unit.texts = lambda _: CALIBRATED
             live.refresh()
             QApplication.processEvents()
             head: Header = live.header

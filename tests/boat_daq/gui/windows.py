@@ -14,7 +14,6 @@ from PySide6.QtGui import QKeySequence, QShortcut
 from PySide6.QtWidgets import QApplication
 
 from boat_daq.engine.snapshot import Phase, Progress, ReadingRequest
-from boat_daq.viewmodels.live.unit_in_use import UnitLine
 from tests.boat_daq.gui.recorded_session import RecordedSession, connected, filled_ring, window_on
 
 if TYPE_CHECKING:
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
 SAMPLE = Path(__file__).parents[3] / "recordings" / "simulated_SA1_two_cycles.boat"
 PATIENCE_MS = 120_000  # for a helper process
 NARROW = 853  # width of the window on a screen of 1280 pixels at 150 %
-CALIBRATED = UnitLine("SA1  \u00b7  calibrated 2026-11-22", "SA1  \u00b7  calibrated", "SA1")
+CALIBRATED = ("SA1", "SA1  \u00b7  calibrated", "SA1  \u00b7  calibrated 2026-11-22")
 RAMPING = Progress(4, 37, 1, 2, 0, (), "unloading", Phase.RAMPING, 20.0, 1.0, 20.0, 130.0)
 ASKED = ReadingRequest(4, 1, "unloading", 20.0, 20.0)
 

@@ -45,13 +45,13 @@ def test_calibration_of_the_virtual_unit_is_not_used_on_a_real_board(tmp_path, r
     assert live.loading
     until(lambda: (unit.follow(virtual, 0), unit.conversion)[1] is not None)
     assert live.inverse is not None
-    assert "calibrated" in unit.text(virtual).whole
+    assert "calibrated" in unit.texts(virtual)[-1]
     unit.follow(real, 0)
     assert (unit.conversion, live.inverse, live.loading) == (None, None, False)
-    assert "not calibrated" in unit.text(real).whole
+    assert "not calibrated" in unit.texts(real)[-1]
     units.add_calibration("SA1", content | {"simulated": False})
     unit.follow(real, 0)  # a command accepted it
-    assert "not calibrated" not in unit.text(real).whole
+    assert "not calibrated" not in unit.texts(real)[-1]
     unit.close()
 
 

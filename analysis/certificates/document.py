@@ -32,15 +32,7 @@ from analysis.certificates.dcc import MIME_TYPE, dcc_xml
 from analysis.conformity import RULE
 from analysis.figures.figure import SENSOR_FIGURES
 from analysis.numbers import percent, rounded, with_uncertainty
-from analysis.reports.document import (
-    Attachment,
-    Report,
-    ReportDrawing,
-    ReportTable,
-    Section,
-    SectionPart,
-    power,
-)
+from analysis.reports.document import Attachment, Report, ReportDrawing, ReportTable, Section, SectionPart, power
 from analysis.reports.pdf import render_pages
 from analysis.reports.shown_units import in_units
 from protocol.base.units import COVERAGE_FACTOR, NOTHING, STORED_UNITS

@@ -107,16 +107,10 @@ def session(window: MainWindow) -> list[Command]:
 def edit(window: MainWindow) -> list[Command]:
     undo, attempt, live, run = window.model.undo, window.model.notices.attempt, window.live, window.model.run
     add, seldom = partial(Command, "Edit"), _seldom
-    table = live.show_readings
+    table, redo_keys = live.show_readings, "Ctrl+Shift+Z"
     return [
         add("Undo", "Ctrl+Z", partial(attempt, undo.undo), lambda: bool(undo.done), why=lambda: "Nothing to undo."),
-        add(
-            "Redo",
-            "Ctrl+Shift+Z",
-            partial(attempt, undo.redo),
-            lambda: bool(undo.undone),
-            why=lambda: "Nothing to redo.",
-        ),
+        add("Redo", redo_keys, partial(attempt, undo.redo), lambda: bool(undo.undone), why=lambda: "Nothing to redo."),
         add("Simulate this reading", "F2", run.read_grid, run.may_read_grid, apart=True, why=lambda: NO_GRID),
         add("Read from a photograph …", "", live.open_photograph),
         add("Paste readings", "", lambda: table().paste()),
@@ -161,14 +155,7 @@ def view(window: MainWindow) -> list[Command]:
     held = "hold pause picture"
     every = "psi bar volt percent celsius fahrenheit inch"
     return [
-        add(
-            "Freeze or follow the plot",
-            "Space",
-            plots.toggle_freeze,
-            is_measure,
-            why=lambda: ON_MEASURE,
-            also=held,
-        ),
+        add("Freeze or follow the plot", "Space", plots.toggle_freeze, is_measure, why=lambda: ON_MEASURE, also=held),
         seldom("Show the whole session", partial(live.model.set_window, math.inf)),
         add("Overlay the last cycles", "", live.toggle_overlay),
         add("Usual layout of the plots", "", live.use_usual_layout, apart=True, also="hidden axis show all"),
@@ -233,14 +220,8 @@ def results(window: MainWindow) -> list[Command]:
         obstacle = model.obstacle()
         return str(obstacle) if obstacle else "It is accepted already." if model.accepted else "Go to Results first."
 
-    def last_run() -> bool:
-        return not model.no_last_run()
-
     def has_report() -> bool:
         return app_model.analysed_path(window.place) is not None
-
-    def has_result() -> bool:
-        return model.result is not None
 
     def export() -> None:
         window.pages[Tab.CALIBRATION].ask_export()
@@ -250,34 +231,24 @@ def results(window: MainWindow) -> list[Command]:
 
     kinds = "recording csv import table plan profile"
     bands, fitted = "mcmc posterior sample", partial(add, shortcut="", available=model.exports, why=lambda: NO_CURVE)
-
-    def no_run() -> str:
-        return "Analyse a run first."
+    last = partial(add, available=lambda: not model.no_last_run(), why=model.no_last_run, also="calibrate fit")
+    shown = partial(add, available=has_report, why=lambda: "Analyse a run first.", also="pdf html print")
 
     return [
         add("Open a file …", "Ctrl+O", open_file, also=kinds),
-        add(
-            "Analyse the last run",
-            "",
-            on_page(model.analyse_current),
-            last_run,
-            why=model.no_last_run,
-            also="calibrate fit",
-        ),
+        last("Analyse the last run", "", on_page(model.analyse_current)),
         add("Accept the calibration", "Ctrl+Return", model.request_acceptance, acceptable, why=not_acceptable),
-        add(
-            "Report of the run shown …",
-            "",
-            window.ask_report,
-            has_report,
-            apart=True,
-            why=no_run,
-            also="pdf html print",
-        ),
+        shown("Report of the run shown …", "", window.ask_report, apart=True),
         fitted("Certificate …", run=on_page(certify), also="iso 17025 dcc pdf xml customer laboratory"),
         fitted("Export calibration …", run=on_page(export), also="c matlab octave json code table"),
         add("Prepare the control of elongation …", "", prepare_control, also="identify tune hysteresis gains"),
-        seldom("Compute uncertainty bands (emcee)", on_page(model.sample), has_result, NO_CURVE, also=bands),
+        seldom(
+            "Compute uncertainty bands (emcee)",
+            on_page(model.sample),
+            lambda: model.result is not None,
+            NO_CURVE,
+            also=bands,
+        ),
     ]
 
 
@@ -349,12 +320,7 @@ def help_(window: MainWindow) -> list[Command]:
         add("Find a command …", "Ctrl+Shift+P", window.palette_.open_fresh),
         add("Keys", "", window.show_keys, also="shortcuts help"),
         add("First steps", "F1", window.live.show_first_steps),
-        add(
-            "Tutorial",
-            "",
-            partial(window.model.notices.attempt, window.show_tutorial),
-            also="manual learn",
-        ),
+        add("Tutorial", "", partial(window.model.notices.attempt, window.show_tutorial), also="manual learn"),
         add("Save a bug report …", "", save_bug_report),
     ]
 

@@ -11,13 +11,7 @@ from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.file_dialogs import ask_open
 from boat_daq.viewmodels.common.notices import Notice
 from boat_daq.viewmodels.common.services import Services
-from boat_daq.viewmodels.live.connection import (
-    ENDED,
-    VIRTUAL_SENSORS,
-    VIRTUAL_UNITS,
-    ConnectionModel,
-    link_text,
-)
+from boat_daq.viewmodels.live.connection import ENDED, VIRTUAL_SENSORS, VIRTUAL_UNITS, ConnectionModel, link_text
 
 _SPEEDS = [("real time", 1.0), ("5 times faster", 5.0), ("20 times faster", 20.0)]
 _SENSORS = [(f"{n} sensor{'s' * (n != '1')}", ending) for n, ending in VIRTUAL_SENSORS.items()]

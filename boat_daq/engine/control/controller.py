@@ -106,11 +106,8 @@ class Controller:
         self.loop = None
         self.board.restart()
         if self.pressurised or self.sequencer.state in _RUN:
-            self._trip(
-                Trip(
-                    MessageKind.LINK_LOST, cause, f"check its cable: it reconnects automatically; {self._without_link}"
-                )
-            )
+            remedy = f"check its cable: it reconnects automatically; {self._without_link}"
+            self._trip(Trip(MessageKind.LINK_LOST, cause, remedy))
         else:
             self.board.note(MessageKind.LINK_LOST, cause, "warning")
 

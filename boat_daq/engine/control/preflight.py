@@ -90,9 +90,7 @@ class Preflight:
         recent_kpa, tolerance_kpa = math.fsum(self.recent_kpa) / len(self.recent_kpa), self._zero_tolerance_kpa
         if not vented:
             return Check(
-                "zero",
-                UnitText("the unit is not vented (", Quantity(recent_kpa, "kPa", ".1f"), ")"),
-                "vent it first",
+                "zero", UnitText("the unit is not vented (", Quantity(recent_kpa, "kPa", ".1f"), ")"), "vent it first"
             )
         if not abs(recent_kpa) <= tolerance_kpa:
             reads, tolerance = Quantity(recent_kpa, "kPa", ".2f"), Quantity(tolerance_kpa, "kPa")

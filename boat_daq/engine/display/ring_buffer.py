@@ -235,13 +235,7 @@ class RingBuffer:
         self.newest_s, self.step_s = math.nan, math.inf  # time of the newest sample; mean interval in a block
         self._signals = slice(3, 3 + n_sensors)
         sensors = (f"s{n}_mv" for n in range(1, n_sensors + 1))
-        self.names = (
-            "time_s",
-            "pressure_kpa",
-            "target_kpa",
-            *sensors,
-            *(channel.column for channel in self.others),
-        )
+        self.names = ("time_s", "pressure_kpa", "target_kpa", *sensors, *(channel.column for channel in self.others))
         self._mv_per_count = mv_per_count
         self._pyramid = MinMaxPyramid(len(self.names), capacity)
         self._offset_us: int | None = None

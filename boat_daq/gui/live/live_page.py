@@ -413,11 +413,7 @@ class LivePage(QWidget):
         self.guard.show(self.sequence, "The run", partial(self.sequence.refresh, snapshot))
         self.guard.show(self.reading, "The reading", partial(self.reading.refresh, snapshot))
         self.guard.show(self.photograph, "The photograph", self.photograph.refresh)
-        for tab, name in (
-            (self.shadow, "The shadow"),
-            (self.plan, "The plan"),
-            (self.readings, "The readings"),
-        ):
+        for tab, name in ((self.shadow, "The shadow"), (self.plan, "The plan"), (self.readings, "The readings")):
             if tab is self.pane.currentWidget():
                 self.guard.show(tab, name, partial(tab.refresh, snapshot))
 

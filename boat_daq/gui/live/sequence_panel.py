@@ -61,10 +61,7 @@ PRIMARY = ("arm", "start", "resume", "clear")
 FIELD_WIDTH = 60
 _OF_CYCLES = ("high_kpa", "low_kpa", "step_kpa", "ramp_kpa_per_s", "max_dwell_s", "settling_s")  # not of segments
 END_AT = {  # label and explanation of the uncertainty at which a run ends, by its unit
-    "mm": (
-        "Stop at U \u2264",
-        "Ends the run after the first cycle with this U (k = 2) of an elongation, mm",
-    ),
+    "mm": ("Stop at U \u2264", "Ends the run after the first cycle with this U (k = 2) of an elongation, mm"),
     "% FSO": (
         "Stop at \u00b1 \u2264",
         "Ends the run once drift (per 100 cycles) and repeatability have this 95 % uncertainty, % FSO",

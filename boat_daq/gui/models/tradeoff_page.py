@@ -57,11 +57,7 @@ class DefaultsTable(DataTable):
         return (*first, duration_text(d.seconds, 2), quantity(d.error, d.unit), f"{share} %")
 
 
-PRECISIONS = {
-    "draft": "Draft: fast, rough",
-    "normal": "Normal (sufficient)",
-    "reference": "Reference: slow, exact",
-}
+PRECISIONS = {"draft": "Draft: fast, rough", "normal": "Normal (sufficient)", "reference": "Reference: slow, exact"}
 MEASURE = "Measure this computer"
 MEASURE_TIP = "Takes some minutes, in a helper process"
 MEASURING = "Under way: its progress and Cancel are at the foot of the window."

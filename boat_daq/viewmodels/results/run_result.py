@@ -227,10 +227,7 @@ def _run_result(
         **shown,
         partial=len(found.cycles.partial),
         sensors=tuple(_sensor(found, i, sensor) for i, sensor in enumerate(run.sensors)),
-        figures=(
-            *figure_rows(found.sensors, signal_unit=run.signal_unit),
-            *verdict_rows(found.sensors),
-        ),
+        figures=(*figure_rows(found.sensors, signal_unit=run.signal_unit), *verdict_rows(found.sensors)),
         key_figures=figure_rows(found.sensors, KEY_FIGURES, run.signal_unit, brief=True),
         loops=LoopSet(loops.numbers, loops.pressure_kpa, loops.elongation_mm, loops.signal_mv),
         warnings=found.warnings,

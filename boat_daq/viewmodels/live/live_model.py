@@ -385,7 +385,7 @@ class LiveModel:
     def _elongation_text(self, means: FloatArray) -> tuple[str, str, str]:
         """Return the elongation, its band or why there is none, and the same for a narrow window."""
         if self.inverse is None:
-            return (NOTHING, "loading", "loading") if self.loading else (NOTHING, "", "")
+            return (NOTHING, "preparing", "preparing") if self.loading else (NOTHING, "", "")
         found = self.inverse(means)
         if not math.isfinite(found.mm[0]):
             return NOTHING, "\u25b2 out of range", "\u25b2 range"

@@ -84,19 +84,13 @@ class MeasurementUnit:
     offset: float = 0.0
 
 
+_LETTERS = str.maketrans({"µ": "u", "μ": "u", "°": "deg", "Ω": "ohm", "³": "3", "²": "2"})
+
+
 @cache
 def find_unit(text: str) -> MeasurementUnit | None:
     """Return the unit of a name, with a prefix or spelt in another case too; None where it is not known."""
-    name = (
-        text.strip()
-        .replace("µ", "u")
-        .replace("μ", "u")
-        .replace("°", "deg")
-        .replace("Ω", "ohm")
-        .replace("³", "3")
-        .replace("²", "2")
-    )
-    name = name.strip("[]() ")
+    name = text.strip().translate(_LETTERS).strip("[]() ")
     if name.lower().endswith(("h2o", "hg")):
         name = re.sub(r"[ .]", "", name)  # mm Hg, in. H2O
     found = _exact(name) or _exact(_SPELT.get(name.lower(), ""))

@@ -330,6 +330,11 @@ class SessionSnapshot:
     elongation: ElongationControl | None = None  # while it is controlled
 
     @property
+    def under_way(self) -> bool:
+        """Whether a run is in progress, paused or at its end, until the unit is vented."""
+        return self.state in (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
+
+    @property
     def commanded(self) -> bool:
         """Whether the board commands a pressure, in a run or by hand."""
         return self.last is not None and math.isfinite(self.last.target_kpa)

@@ -56,7 +56,6 @@ from boat_daq.viewmodels.common.files import TABLE_SUFFIXES, FileKind, kind_of
 from boat_daq.viewmodels.common.notices import Notice, Severity
 from boat_daq.viewmodels.common.services import PLACES, TABS, Page, Panel, Place, Tab, page_of
 from boat_daq.viewmodels.live.recording_status import RecordingStatus
-from boat_daq.viewmodels.live.run_model import UNDER_WAY
 
 _CALM_MS = 250
 FRAMES_MEAN = 0.1  # weight of the newest frame in their mean cost
@@ -446,7 +445,7 @@ class MainWindow(QMainWindow):
 
     def _may_leave(self) -> bool:
         """Return whether to close: in a run, or while a file is written, only at the second request."""
-        again, run = monotonic() < self._leave_until, self.model.snapshot.state in UNDER_WAY
+        again, run = monotonic() < self._leave_until, self.model.snapshot.under_way
         writing = [job.label for job in self.model.jobs.running() if job.target is not None]
         if again or not (run or writing):
             return True

@@ -26,7 +26,6 @@ from boat_daq.gui.widgets import controls
 from boat_daq.gui.widgets.layouts import ReflowingPage, Shares
 from boat_daq.viewmodels.common.services import Services
 from boat_daq.viewmodels.live import axis
-from boat_daq.viewmodels.live.run_model import UNDER_WAY
 from boat_daq.viewmodels.models.optics import (
     CAVITIES,
     FACE_NAMES,
@@ -383,7 +382,7 @@ class OpticsPage(ReflowingPage):
         model = self.model
         if snapshot is not None:
             held = snapshot.link is LinkState.UP and snapshot.commanded  # by hand, beside an armed plan, too
-            model.blocked = RUNNING if held or snapshot.state in UNDER_WAY else ""
+            model.blocked = RUNNING if held or snapshot.under_way else ""
         waited = model.problem == RUNNING and not model.blocked
         if waited or (model.result is None and not model.running("optics") and not model.problem):
             model.choose(model.values)

@@ -24,7 +24,7 @@ from boat_daq.gui.widgets.data_table import DataTable
 from boat_daq.gui.widgets.file_dialogs import ask_open, ask_save
 from boat_daq.gui.widgets.layouts import Divided, EmptyState, Leaves, Shares
 from boat_daq.viewmodels.common.services import Page, Panel, Services, Tab
-from boat_daq.viewmodels.results.calibration import ACCEPT, ANYWAY, CURVE_CHOICES, IN_PROGRESS, CalibrationModel
+from boat_daq.viewmodels.results.calibration import ACCEPT, ANYWAY, CURVE_CHOICES, CalibrationModel
 from boat_daq.viewmodels.results.calibration_texts import NextStep, missing, warnings
 from boat_daq.viewmodels.results.run_result import CurveBands, RunResult, SensorResult
 from protocol.base.arrays import FloatArray
@@ -40,7 +40,6 @@ ACCEPT_TIP = "Store it with the unit and use it live"
 ANYWAY_TIP = "Store it with the unit, marked as out of tolerance, and use it live"
 _SYSTEM_TIP = "Loading minus unloading over pressure: each sensor on its actuator (the system); below, the actuator"
 _ANALYSE_LAST = "Analyse the last run"
-_HOW_TO_BEGIN = "Run the calibration plan on Measure and type its readings: curves, loops and figures appear here."
 _NO_CYCLE = "A loop needs one complete cycle."
 _LINES = (Qt.PenStyle.SolidLine, Qt.PenStyle.DashLine, Qt.PenStyle.DashDotLine, Qt.PenStyle.DotLine)  # by sensor
 _LINE_TEXTS = ("\u2014", "- -", "-\u00b7-", "\u00b7\u00b7\u00b7")  # the same as text
@@ -386,7 +385,7 @@ class CalibrationPage(QWidget):
             self.empty.say(self.model.verdict()[1], self.model.headline(), "Go to Recordings")
             return
         why = self.model.no_last_run()
-        text = IN_PROGRESS if why == IN_PROGRESS else _HOW_TO_BEGIN
+        text = why or "Its curves, loops and figures appear here."
         self.empty.say("No run has been analysed yet", text, "Go to Measure" if why else _ANALYSE_LAST)
 
     def refresh(self, snapshot: SessionSnapshot) -> None:

@@ -11,7 +11,7 @@ from time import monotonic
 from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.formatting import duration, size_text
 from boat_daq.viewmodels.common.notices import NOT_SAVING, sentence
-from boat_daq.viewmodels.live.run_model import UNDER_WAY, RunModel
+from boat_daq.viewmodels.live.run_model import RunModel
 from protocol.base.errors import BoatDaqError
 
 _LOOK_S = 1.0
@@ -62,7 +62,7 @@ class RecordingStatus:
         pace = self._size / snapshot.recorded_s if snapshot.recorded_s > 0 else 0.0
         lasts = f", enough for {duration(self._left / pace)} at this rate" if pace else ""
         tip = f"{path.name}\nin {path.parent} (click to open it)\n{size_text(self._size)}, {left}{lasts}{cost}"
-        button = "" if snapshot.state in UNDER_WAY else STOP
+        button = "" if snapshot.under_way else STOP
         text = "   ".join((short, size_text(self._size), left))
         lag_ms = health.lag_ms if health is not None else 0.0
         if snapshot.saves_nothing:

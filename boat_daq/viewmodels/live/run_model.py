@@ -35,7 +35,6 @@ ReadInterrupted = Callable[[Path, Callable[[BrokenRun], None]], None]
 TRIAL_SPEED = 20.0  # of the virtual board over real time
 TRIAL_CYCLES = 3  # the fewest that give an uncertainty
 ENDED_RUN = (*AT_REST, SessionState.FAULT)
-UNDER_WAY = (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
 
 
 class CalibrationOffer:
@@ -265,7 +264,7 @@ class RunModel:
         if not is_unknown(snapshot):
             if last is None or snapshot.link is not LinkState.UP:
                 return ""
-            if snapshot.state not in UNDER_WAY and abs(last.pressure_kpa) < VENTED_KPA and not snapshot.commanded:
+            if not snapshot.under_way and abs(last.pressure_kpa) < VENTED_KPA and not snapshot.commanded:
                 return ""
             if (text := self.live.headline(snapshot).pressure) != NOTHING:
                 return f"{text} {as_text(self.live.units.shown('kPa').symbol)}"
@@ -327,7 +326,7 @@ class RunModel:
         notices, snapshot = self.services.notices, self.snapshot
         if snapshot.recording is None:
             notices.attempt(self.record, done=f"Recording into {self.services.recordings}")
-        elif snapshot.state in UNDER_WAY:
+        elif snapshot.under_way:
             remedy = "Stop it before closing the recording."
             notices.add(Severity.WARNING, "a run is in progress", remedy, refusal=True)
         else:

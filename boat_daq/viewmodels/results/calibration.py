@@ -21,7 +21,7 @@ from analysis.fidelity import Fidelity, fidelity
 from boat_daq.engine.recording.rename import companions
 from boat_daq.engine.session.session import Session
 from boat_daq.engine.settings import UnitLibrary
-from boat_daq.engine.snapshot import LinkState, SessionSnapshot, SessionState
+from boat_daq.engine.snapshot import LinkState, SessionSnapshot
 from boat_daq.formatting import count, number
 from boat_daq.viewmodels.common.notices import Notice, Severity, sentence
 from boat_daq.viewmodels.common.services import Change, Services
@@ -60,9 +60,7 @@ from protocol.recording.elongation_file import read_elongation_rows
 
 ACCEPT, ANYWAY = "Accept", "Accept anyway"
 WHOSE_U = "The U at the top is the largest over the range, of all sensors together; here each sensor is alone."
-IN_PROGRESS = "A run is in progress: it can be analysed when it has ended."
 Action = Callable[[], None]
-_UNDER_WAY = (SessionState.RUNNING, SessionState.PAUSED, SessionState.FINISHING)
 CURVE_CHOICES = (
     *((f"Degree {name}", name) for name in CURVES if name != SPLINE),
     ("Monotone spline", SPLINE),
@@ -114,7 +112,7 @@ class CalibrationModel:
     def analyse_current(self) -> None:
         """Close the open recording and analyse it; without one, the last again, or the newest of this kind of board."""
         snapshot = self.session.snapshot()
-        if snapshot.state in _UNDER_WAY:
+        if snapshot.under_way:
             raise RequestError("a run is in progress", "Wait for its end, or stop it: complete cycles are analysed.")
         path = self._last_run(snapshot)
         if path is None:
@@ -124,9 +122,9 @@ class CalibrationModel:
     def no_last_run(self) -> str:
         """Return why there is no last run to be analysed; empty where there is one."""
         snapshot = self.session.snapshot()
-        if snapshot.state in _UNDER_WAY:
-            return IN_PROGRESS
-        return "" if self._last_run(snapshot) is not None else "There is no recording yet. Run the plan on Measure."
+        if snapshot.under_way:
+            return "A run is in progress: it can be analysed when it has ended."
+        return "" if self._last_run(snapshot) else "There is no recording yet. Run the plan and type its readings."
 
     def _last_run(self, snapshot: SessionSnapshot) -> Path | None:
         up = snapshot.link is LinkState.UP

@@ -159,7 +159,7 @@ def test_elongation_outside_the_range_is_not_shown(ring):
 def test_elongation_says_that_its_calibration_is_loading(ring):
     """A dash alone beside "calibrated" in the header said nothing."""
     head = LiveModel(lambda: ring, loading=True).headline(connected())
-    assert (head.elongation, head.band) == ("\u2013", "loading")
+    assert (head.elongation, head.band) == ("\u2013", "preparing")
 
 
 @given(st.floats(1.0, 3600.0), st.integers(200, 3000), st.floats(0.0, 100.0))

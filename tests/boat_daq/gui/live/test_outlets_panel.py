@@ -41,13 +41,13 @@ def test_a_node_is_switched_and_its_clients_are_seen(live):
 
 
 def test_outlets_never_cut_the_header(live):
-    """At each width their button is whole, and nothing else is cut: the name of a port gives way first."""
+    """At each width their button is whole and nothing is cut: a port that fits goes before their short names."""
     model, head = live.model.outlets, live.header
     whole = model.view()
     badge = "LSL \u00b7 SECoP 8 \u00b7 control"
     model.view = lambda: dataclasses.replace(whole, badge=badge, short="Control", control=True)
     for width, port, text in (
-        (NARROW, "/dev/serial/by-id/usb-FTDI_FT232R", "Control"), (NARROW, "/dev/pts/7", "Control"),
+        (NARROW, "/dev/serial/by-id/usb-FTDI_FT232R", "Control"), (NARROW, "/dev/pts/7", "\u21c4"),
         (1280, "/dev/pts/7", badge),
     ):  # fmt: skip
         live.model.session.change(port=port)

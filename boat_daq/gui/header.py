@@ -73,21 +73,10 @@ class Header(QWidget):
         self.brand = controls.label("boat-daq", "brand")
         left = (self.brand, self.simulated, self.link, self.pressure, *self.figures)
         ends = (style.PAGE_MARGIN, 0, style.PAGE_MARGIN, 0)
-        record = self.recording.badge, self.recording.button
-        self._levels: dict[QWidget, int] = dict.fromkeys(
-            (self.link, self.unit, self.recording.badge, self.outlets, *self.figures), 0
-        )
-        self.line = controls.row(
-            *left,
-            None,
-            *record,
-            self.outlets,
-            self.unit,
-            self.vent_all,
-            self.vent,
-            spacing=style.CARD_PADDING,
-            margins=ends,
-        )
+        fitted = (self.link, self.unit, self.recording.badge, self.outlets, *self.figures)
+        self._levels: dict[QWidget, int] = dict.fromkeys(fitted, 0)
+        right = (self.recording.badge, self.recording.button, self.outlets, self.unit, self.vent_all, self.vent)
+        self.line = controls.row(*left, None, *right, spacing=style.CARD_PADDING, margins=ends)
         for widget in left:
             self.line.setAlignment(widget, Qt.AlignmentFlag.AlignVCenter)
         controls.surface(self, "header", self.line)

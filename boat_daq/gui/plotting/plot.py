@@ -280,14 +280,9 @@ class CornerText:
 
 
 class LineLabel(pg.InfLineLabel):  # type: ignore[misc]
-    """The text of a line: whole inside the plot, on the side with space; none where its line is outside.
+    """The text of a line: whole inside the plot, on the side with space; none where its line is outside."""
 
-    Attributes
-    ----------
-    side : on which side of an upright line the text is, 0 right, 1 left; None where there is space.
-    """
-
-    side: int | None = None
+    side: int | None = None  # of an upright line, 0 right, 1 left; None: where there is space
     ground: QColor | None = None
 
     def valueChanged(self) -> None:

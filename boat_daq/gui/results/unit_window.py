@@ -51,10 +51,8 @@ class UnitWindow(QDialog):
         available = self.screen().availableSize()
         self.resize(min(_SIZE[0], available.width()), min(max(_SIZE[1], style.list_height(self)), available.height()))
         self.cards = {title: PlotCard(title, text) for title, text in EXPLANATIONS.items()}
-        for title, unit in ((CURVES_TITLE, "mV"), (DIFFERENCES, "mV")):
-            self.cards[title].add(
-                "Signal" if title == CURVES_TITLE else "Difference", unit, x_title="Elongation", x_unit="mm"
-            )
+        for title, name in ((CURVES_TITLE, "Signal"), (DIFFERENCES, "Difference")):
+            self.cards[title].add(name, "mV", x_title="Elongation", x_unit="mm")
         self.cards[COEFFICIENT].add("b\u2081", "mV/mm", x_title=_SINCE, x_unit="d")
         self.cards[UNCERTAINTY_TITLE].add("U, k = 2", "mm", x_title=_SINCE, x_unit="d")
         self.numbers = self.cards[DIFFERENCES].plots[0].labels((0.5, 0.5), ground=True)

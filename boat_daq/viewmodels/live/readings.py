@@ -199,17 +199,9 @@ class ReadingsModel:
         apart = {step.number: mm for (step, _), mm in zip(read, _outlying(read), strict=True) if mm == mm}
         far = {step.number: self._beyond_nominal(step.target_kpa, mm) for step, mm in read}
         waiting = snapshot.waiting_for_reading
-        due = waiting.step_id if waiting is not None else None
+        due, typed, units = waiting.step_id if waiting is not None else None, self.typed, self.units
         return [
-            Row(
-                step,
-                readings.get(n := step.number),
-                n == due,
-                apart.get(n),
-                far.get(n, ""),
-                self.typed.get(n, ""),
-                self.units,
-            )
+            Row(step, readings.get(n := step.number), n == due, apart.get(n), far.get(n, ""), typed.get(n, ""), units)
             for step in steps
         ]
 

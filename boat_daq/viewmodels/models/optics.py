@@ -326,9 +326,7 @@ class OpticsModel:
             self.jobs.cancel("sweep")
             return
         if self.blocked:
-            raise RequestError(
-                "nothing is traced under pressure", "Wait until the run has ended and the unit is vented."
-            )
+            raise RequestError("nothing is traced under pressure", "Wait until the unit is vented.")
         self.sweep_problem = ""
         job = Job("Sweeping 9 720 simulations", sweep, CAVITIES, rays or self.fidelity.ranking_rays)
         self.jobs.start("sweep", job, self._swept)

@@ -383,8 +383,8 @@ class OpticsPage(ReflowingPage):
         if snapshot is not None:
             held = snapshot.link is LinkState.UP and snapshot.commanded  # by hand, beside an armed plan, too
             model.blocked = RUNNING if held or snapshot.under_way else ""
-        waited = model.problem == RUNNING and not model.blocked
-        if waited or (model.result is None and not model.running("optics") and not model.problem):
+        first = model.result is None and not model.running("optics") and not model.problem
+        if first or (model.waits and not model.blocked):
             model.choose(model.values)
         self._show_buttons()
         if model.running("optics"):

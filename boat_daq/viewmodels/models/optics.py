@@ -214,6 +214,7 @@ class OpticsModel:
         self.result: DesignResult | None = None
         self.problem = ""  # why the chosen design has no result
         self.blocked = ""  # why none is traced now
+        self.waits = False  # whether the chosen design waits until nothing blocks it
         self.sweep_problem = ""  # why the last sweep has none
         self.revision = 0
         self._kept: dict[_Key, DesignResult] = {}
@@ -232,14 +233,14 @@ class OpticsModel:
 
     def choose(self, values: Values, face: str = "") -> None:
         """Show a design; a new one is traced in the background, and the one before is shown until it is."""
-        self.values, self.face, self.problem = values, face or self.face, ""
+        self.values, self.face, self.problem, self.waits = values, face or self.face, "", False
         key = self._key()
         self.revision += 1
         if key in self._kept:
             self.result, self._shown = self._kept[key], key
             return
         if self.blocked:
-            self.problem = self.blocked
+            self.problem, self.waits = self.blocked, True
             return
         job = Job("Tracing rays", trace_design, values, self.fidelity.rays, self.face)
         self.jobs.start("optics", job, lambda job: self._traced(job, key))

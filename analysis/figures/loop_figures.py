@@ -117,7 +117,8 @@ def limited(figure: Figure, floor: float, by: str, share: float = BOUND_SHARE) -
     figure = replace(figure, low=float(np.minimum(figure.low, np.maximum(figure.value - floor, 0.0))))
     if not floor > share * figure.value:
         return figure
-    note = f"only an upper bound: {by} alone accounts for up to about {floor:.2g} {figure.unit} of it"
+    part = f"about {floor:.2g} {figure.unit}" if floor < figure.value else "all"
+    note = f"only an upper bound: {by} alone accounts for up to {part} of it"
     return replace(figure, note=f"{note}; {figure.note}" if figure.note else note, reason=Reason.UPPER_BOUND)
 
 

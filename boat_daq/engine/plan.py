@@ -193,15 +193,19 @@ class Plan:
     def cycle_duration_s(self) -> float:
         """Estimated time of one cycle, seconds of board time."""
         if self.kind == "profile":
-            return sum(s.segment.duration_s(s.start) for s in self.cycle_steps(2) if s.segment)
+            return self._segments_s(2)
         path = (self.high_kpa, *self.targets_kpa)
         return sum(self.step_duration_s(a, b) for a, b in itertools.pairwise(path))
 
     @property
     def duration_s(self) -> float:
         """Estimated time of an unbroken run, seconds of board time."""
-        opening_s = self.min_dwell_s if self.kind == "profile" else self.step_duration_s(0.0, self.high_kpa)
-        return opening_s + self.cycles * self.cycle_duration_s
+        if self.kind == "profile":  # its first cycle begins at rest, the others where one ends
+            return self.min_dwell_s + self._segments_s(1) + (self.cycles - 1) * self.cycle_duration_s
+        return self.step_duration_s(0.0, self.high_kpa) + self.cycles * self.cycle_duration_s
+
+    def _segments_s(self, cycle: int) -> float:
+        return sum(s.segment.duration_s(s.start) for s in self.cycle_steps(cycle) if s.segment)
 
     def with_dwell(self, dwell_s: float) -> Plan:
         """Return the plan with this shortest hold. One too short for settling and window shortens both to fit."""

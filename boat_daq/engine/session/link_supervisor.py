@@ -220,7 +220,7 @@ class LinkSupervisor:
             again, self._seeking = self._seeking, False
             self.state = LinkState.UP
             if again:
-                self._tell(MessageKind.BOARD_FOUND, "info", f"{self.url} reconnected")
+                self._tell(MessageKind.BOARD_FOUND, "info", "the board is connected again")
             elif self._usb is not None:
                 self._connected(self._usb.usb_serial)
         elif self._greeted is None and no_samples is not None and waited_s > REFUSED_S:

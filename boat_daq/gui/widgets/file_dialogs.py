@@ -95,7 +95,7 @@ def _dialog(
         if services.notices.attempt(lambda: then(path), done=done or "") and done is None:
             services.notices.inform_saved(path)
 
-    kinds = ", ".join(_NAMED.get(suffix, suffix.upper()) for suffix in suffixes.split())
+    kinds = ", ".join(dict.fromkeys(_NAMED.get(suffix, suffix.upper()) for suffix in suffixes.split()))
     patterns = " ".join(f"*.{suffix}" for suffix in suffixes.split())
     usual = services.recordings if services.recordings.is_dir() else Path.home()
     last = Path(str(services.preferences.get("folder", usual)))

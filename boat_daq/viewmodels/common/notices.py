@@ -223,6 +223,9 @@ class SessionMessages:
         if snapshot.recording is None or (snapshot.health is not None and not snapshot.health.late):
             self._settle(self._of_slow_disk)
         if connected:
+            if self._of_link and snapshot.state is SessionState.FAULT:
+                ended = "the lost link has ended what was under way", "Clear the fault on Measure."
+                self._of_run.append(self._notices.add(Severity.WARNING, *ended))
             self._settle(self._of_link)
         if snapshot.state not in _ENDED:
             self._settle(self._of_run)

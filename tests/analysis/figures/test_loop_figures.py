@@ -136,7 +136,8 @@ def test_hysteresis_of_which_a_quarter_is_noise_is_an_upper_bound(floor: float, 
     assert (found.reason is Reason.UPPER_BOUND, found.note.startswith("only an upper bound: noise")) == (bound, bound)
     assert found.note.endswith("n")
     assert limited(Figure(2.0, "% FSO", 5, 1.0, 2.2), floor, "noise").low == 1.0
-    assert limited(Figure(2.0, "% FSO", 5, 1.0, 2.2), 3.0, "noise").low == 0.0
+    whole = limited(Figure(2.0, "% FSO", 5, 1.0, 2.2), 3.0, "noise")
+    assert (whole.low, whole.note.endswith("for up to all of it")) == (0.0, True)  # not "3 % FSO of it"
 
 
 def test_pressure_figures_of_a_parabola() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -28,6 +29,8 @@ def test_segments_follow_each_other_and_cycles_join():
     assert [step.start for step in steps[1:5]] == [10.0, 10.0, -20.0, -20.0]
     assert PROFILE.cycle_duration_s == pytest.approx(2.0 + 6.0 + 1.0 + 5.0)
     assert PROFILE.extremes_kpa == (-35.0, 10.0)
+    rise = replace(PROFILE, cycles=2, segments=(Segment("ramp", 50.0, rate_per_s=10.0, hold_s=3.0),))
+    assert rise.duration_s == pytest.approx(rise.min_dwell_s + (5.0 + 3.0) + 3.0)  # only the first begins at 0 kPa
 
 
 def test_values_rates_and_accelerations_of_a_segment():

@@ -134,6 +134,20 @@ def test_a_note_does_not_hide_a_fault_of_the_same_cause():
     )
 
 
+def test_a_link_lost_in_a_run_is_named_until_the_fault_is_cleared():
+    """With the board back, only "reconnected" was left on the other pages: the run stood in fault."""
+    notices = Notices()
+    lost = SessionSnapshot(SessionState.FAULT, LinkState.LOST)
+    follower = SessionMessages(notices, SessionSnapshot(SessionState.RUNNING, LinkState.UP))
+    gone = (Message(1, MessageKind.LINK_LOST, "error", "SA1 was disconnected"),)
+    follower.follow(replace(lost, messages=gone))
+    assert notices.current().cause == gone[0].cause
+    follower.follow(replace(lost, link=LinkState.UP, messages=gone))
+    assert (notices.current().severity, notices.current().remedy) == (Severity.WARNING, "Clear the fault on Measure.")
+    follower.follow(SessionSnapshot(SessionState.IDLE, LinkState.UP, messages=gone))
+    assert notices.current() is None
+
+
 def test_a_vent_without_a_board_leaves_once_one_is_connected():
     """ "No board is connected" stayed beside a connected board."""
     notices = Notices()

@@ -134,7 +134,7 @@ class Verdict:
         found = [one for one in self.limits if one.conformity is worst]
         least = min(found, key=lambda one: one.statement.probability if one.statement.probability >= 0 else 2.0)
         others = len({one.name for one in found} - {least.name})
-        more = f", and {others} more of the {kind}" if others else ""
+        more = f"; the same for {others} more of the {kind}" if others else ""
         return f"{least.phrase}, {worst.label}{more}"
 
     @property

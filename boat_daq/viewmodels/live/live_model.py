@@ -398,7 +398,7 @@ class LiveModel:
         if found.disagree[0]:  # the band does not hold then
             return elongation, "\u25b2 disagree", "\u25b2 differ"
         if found.beyond is not None and found.beyond[0]:
-            return elongation, f"{band} range end", f"{band} end"
+            return elongation, f"{band} at end", f"{band} end"
         if found.stand_in:
             return elongation, f"{band} stated", f"{band} \u25b2"
         return elongation, f"{band} (k = 2)", band

@@ -185,7 +185,7 @@ def test_elongation_a_little_beyond_the_range_is_shown_and_marked(ring):
     )
     head = model.headline(connected())
     assert head.elongation == "+3.85"
-    assert (head.band, head.band_short) == ("\u00b10.10 range end", "\u00b10.10 end")
+    assert (head.band, head.band_short) == ("\u00b10.10 at end", "\u00b10.10 end")
 
 
 def test_noise_at_the_end_of_the_range_breaks_no_line():

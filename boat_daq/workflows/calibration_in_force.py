@@ -58,6 +58,12 @@ def accepted_records(unit: Unit) -> list[CalibrationRecord]:
     return [record_of(unit, entry) for entry in unit.history if entry.accepted]
 
 
+def calibration_before(units: UnitLibrary, name: str, recording_id: str) -> CalibrationRecord | None:
+    """Return the newest accepted calibration of a unit by another recording; None without one, or without a name."""
+    accepted = reversed(accepted_records(units.load(name))) if name else ()
+    return next((one for one in accepted if one.recording_id != recording_id), None)
+
+
 def newest_calibration(units: UnitLibrary, name: str) -> CalibrationRecord | None:
     """Return the calibration of a unit in force; None where it has none, or no unit is named."""
     unit = units.load(name) if name else None

@@ -14,13 +14,12 @@ from typing import TYPE_CHECKING
 
 import tomli_w
 
-from analysis.calibration.record import CalibrationRecord
 from analysis.certificates.laboratory import Laboratory
 from analysis.progress import Progress, part_of
 from boat_daq.engine.settings import UnitLibrary, home
 from boat_daq.engine.stored_file import write_stored
 from boat_daq.engine.toml_values import build, parse_toml, read_text
-from boat_daq.workflows.calibration_in_force import accepted_records, chosen_curve, stated_contributions
+from boat_daq.workflows.calibration_in_force import calibration_before, chosen_curve, stated_contributions
 from protocol.base.errors import RequestError, writing
 from protocol.base.whole_file import write_whole
 
@@ -89,7 +88,8 @@ def analyses_for(order: CertificateOrder, progress: Progress | None = None) -> t
         given = order.elongations[number % len(order.elongations)] if order.elongations else readings_beside(run)
         part = part_of(progress, number, 1, len(order.runs))
         analyses.append(analyse(recording, given, options=options, progress=part))
-        previous.append(calibration_before(recording))
+        units = UnitLibrary(simulated=recording.simulated)
+        previous.append(calibration_before(units, recording.unit, recording.identity))
     laboratory = load_laboratory(order.laboratory)
     request = Request(
         laboratory, order.customer, order.items, order.limits, number=order.number, previous=tuple(previous)
@@ -100,15 +100,6 @@ def analyses_for(order: CertificateOrder, progress: Progress | None = None) -> t
 def _with_values(recording: Recording, values: Mapping[str, str]) -> Recording:
     stated = asdict(recording.metadata.changed(values))
     return dataclasses.replace(recording, meta={**recording.meta, **stated})
-
-
-def calibration_before(recording: Recording) -> CalibrationRecord | None:
-    """Return the newest accepted calibration of the unit by another recording; None without one."""
-    library = UnitLibrary(simulated=recording.simulated)
-    if recording.unit not in library.names():
-        return None
-    accepted = reversed(accepted_records(library.load(recording.unit)))
-    return next((one for one in accepted if one.recording_id != recording.identity), None)
 
 
 def write_certificate(certificate: Certificate, path: str | Path) -> Path:

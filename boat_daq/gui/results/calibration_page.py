@@ -37,6 +37,7 @@ BANDS_TIP = "Bands that include the grid of the readings, by sampling (emcee); t
 BANDS_SHOWN = "Bands: 68 % and 95 % of the curve; the widest, once sampled (emcee), 95 % of a new reading"
 EXPORT_TIP = "For other programs: JSON, C header, MATLAB or Octave function, or table"
 ACCEPT_TIP = "Store it with the unit and use it live"
+IN_FORCE_TIP = "This calibration is in force"
 ANYWAY_TIP = "Store it with the unit, marked as out of tolerance, and use it live"
 _SYSTEM_TIP = "Loading minus unloading over pressure: each sensor on its actuator (the system); below, the actuator"
 _ANALYSE_LAST = "Analyse the last run"
@@ -454,9 +455,10 @@ class CalibrationPage(QWidget):
         self.readings.setVisible(self.model.last_path is not None and self.model.last_path.suffix == ".boat")
         self.accept.setText(ANYWAY if missed else ACCEPT)
         self.accept.setAccessibleName(self.accept.text())
-        self.accept.setToolTip(str(obstacle or (ANYWAY_TIP if missed else ACCEPT_TIP)))
-        controls.set_state(self.accept, "" if missed else "primary", "role")
-        self.accept.setEnabled(obstacle is None and self.model.accepted is None)
+        done = self.model.accepted is not None
+        self.accept.setToolTip(IN_FORCE_TIP if done else str(obstacle or (ANYWAY_TIP if missed else ACCEPT_TIP)))
+        controls.set_state(self.accept, "" if missed or done else "primary", "role")
+        self.accept.setEnabled(obstacle is None and not done)
 
     def _clear(self) -> None:
         """Remove the curves and figures of the run before."""

@@ -50,7 +50,7 @@ from boat_daq.workflows.acceptance import (
     obstacle_to,
     withdraw,
 )
-from boat_daq.workflows.calibration_in_force import newest_calibration
+from boat_daq.workflows.calibration_in_force import calibration_before, newest_calibration
 from boat_daq.workflows.jobs import Job, JobRunner, JobState
 from boat_daq.workflows.run_files import export_calibration
 from boat_daq.workflows.unit_control import prepare_control
@@ -92,7 +92,7 @@ class CalibrationModel:
         self.fidelity: Fidelity = fidelity()  # of the next analyses and samples
         self.shown_units = STORED_UNITS
         self.result: RunResult | None = None
-        self.before: CalibrationRecord | None = None  # the unit's calibration in force when the run was analysed
+        self.before: CalibrationRecord | None = None  # the unit's newest one by another recording
         self.agreements: tuple[Agreement | None, ...] = ()
         self.posterior: tuple[CurveBands, ...] = ()
         self.failure: Any = None
@@ -251,16 +251,27 @@ class CalibrationModel:
         self.show(job.result)
 
     def show(self, result: RunResult | None) -> None:
-        """Show a result and compare it with the unit's calibration in force."""
+        """Show a result and compare it with the unit's calibration before."""
         self.jobs.cancel("posterior")  # of the curve before
         self._services.notices.dismiss(self._asked)  # its button would accept this one
-        self.result, self.agreements, self.posterior, self.accepted = result, (), (), None
+        self.result, self.before, self.agreements, self.posterior = result, None, (), ()
+        self.accepted = self._own_in_force()
         self.revision += 1
-        self.before = None if result is None else newest_calibration(self._units_of(result), result.unit)
-        if result is not None and self.before is not None and self.before.signal_unit == result.signal_unit:
+        if result is None:
+            return
+        self.before = calibration_before(self._units_of(result), result.unit, result.recording_id)
+        if self.before is not None and self.before.signal_unit == result.signal_unit:
             self.agreements = tuple(map(_agreement, result.sensors, self.before.sensors))
-        if result is not None:
-            self._taken(result)
+        self._taken(result)
+
+    def _own_in_force(self) -> CalibrationRecord | None:
+        """Return the calibration in force of the unit where it is the one that is shown."""
+        result = self.result
+        found = newest_calibration(self._units_of(result), result.unit) if result is not None else None
+        if result is None or found is None or found.recording_id != result.recording_id:
+            return None
+        same = found.as_json()["sensors"] == accepted_record(result).as_json()["sensors"]
+        return found if same and found.curve == result.curve else None
 
     def _units_of(self, result: RunResult) -> UnitLibrary:
         """Return the library that a run's calibration belongs to: that of simulated boards or of real ones."""
@@ -487,17 +498,16 @@ class CalibrationModel:
 
         def redo() -> None:
             accept(units, replace(record, recording=Path(result.path).name))
-            self._in_force(result, record)
+            self._in_force()
 
         def undo() -> None:
             withdraw(units, record.unit, before)
-            self._in_force(result, None)
+            self._in_force()
 
         return redo, undo
 
-    def _in_force(self, result: RunResult, accepted: CalibrationRecord | None) -> None:
-        if self.result is result:
-            self.accepted = accepted
+    def _in_force(self) -> None:
+        self.accepted = self._own_in_force()
         self.units_revision += 1
         self.revision += 1
 

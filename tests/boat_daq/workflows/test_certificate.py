@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import pytest
 
 from analysis.certificates.laboratory import Laboratory
 from boat_daq.engine.settings import HOME_VARIABLE, UnitLibrary
-from boat_daq.workflows.certificate import calibration_before, load_laboratory, store_laboratory
+from boat_daq.workflows.calibration_in_force import calibration_before
+from boat_daq.workflows.certificate import load_laboratory, store_laboratory
 from protocol.base.errors import RequestError
 
 
@@ -33,8 +32,7 @@ def test_calibration_before_is_the_newest_accepted_one_of_another_recording():
     units = UnitLibrary()
     for number, accepted in (("a", True), ("b", True), ("c", False), ("own", True)):
         units.add_calibration("SA1", {"recording_id": number, "sensors": []}, accepted=accepted)
-    real = SimpleNamespace(unit="SA1", simulated=False, identity="own")
-    assert calibration_before(real).recording_id == "b"
-    assert calibration_before(real).calibrated_utc
-    assert calibration_before(SimpleNamespace(**{**vars(real), "simulated": True})) is None
-    assert calibration_before(SimpleNamespace(**{**vars(real), "unit": "SA2"})) is None
+    assert calibration_before(units, "SA1", "own").recording_id == "b"
+    assert calibration_before(units, "SA1", "own").calibrated_utc
+    assert calibration_before(units.of(simulated=True), "SA1", "own") is None
+    assert calibration_before(units, "SA2", "own") is None

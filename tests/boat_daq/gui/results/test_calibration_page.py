@@ -34,7 +34,7 @@ from tests.boat_daq.gui.windows import SAMPLE, run_shortcut
 
 
 def test_previous_calibration_is_compared(live):
-    """Accept one, show another 2 mV away: the previous curve is drawn, the table has coefficients and E_n."""
+    """Accept one, show another run 2 mV away: the previous curve is drawn, the table has coefficients and E_n."""
     model = live.model
     live.go("Calibration")
     page = live.pages["Calibration"]
@@ -42,9 +42,14 @@ def test_previous_calibration_is_compared(live):
     live.refresh()
     assert "no earlier calibration" in page.comparison.text()
     run_shortcut(live, "Ctrl+Return")
-    model.calibration.accepted = None
-    model.calibration.show(run_result(offset=2.0))
+    model.calibration.show(run_result())
     live.refresh()
+    assert "no earlier calibration" in page.comparison.text()  # its own in force is none
+    assert (page.verdict.text()[:10], page.accept.isEnabled()) == ("\u2713 Accepted", False)
+    assert page.accept.property("role") != "primary"
+    model.calibration.show(run_result(offset=2.0, recording_id="another"))
+    live.refresh()
+    assert page.accept.property("role") == "primary"
     assert page.coefficients.rowCount() == 10
     assert page.coefficients.item(1, 2).text() != page.coefficients.item(1, 1).text()
     assert "▲ differs" in page.comparison.text()

@@ -96,12 +96,17 @@ def test_bands_that_cannot_be_sampled_leave_the_calibration(tmp_path, result, mo
     assert (notice.cause, notice.remedy) == (RefusedJob.failure.cause, RefusedJob.failure.remedy)
 
 
-def test_next_calibration_is_compared_with_the_previous(tmp_path, result):
-    """The same run against itself differs by nothing; without a history this is reported."""
+def test_run_is_compared_with_the_calibration_of_another_recording(tmp_path, result):
+    """The same values of another run differ by nothing; its own calibration in force is no previous one."""
     model = model_on(tmp_path, result)
     assert "no earlier calibration" in model.comparison()
     model.accept()
-    again = model_on(tmp_path, result)
+    own = model_on(tmp_path, result)
+    assert (own.before, own.agreements, own.verdict()[1][:10]) == (None, (), "\u2713 Accepted")
+    assert "no earlier calibration" in own.comparison()
+    assert model_on(tmp_path, dataclasses.replace(result, curve="4")).accepted is None
+    again = model_on(tmp_path, dataclasses.replace(result, recording_id="another"))
+    assert again.accepted is None
     assert "Sensor 1: \u25cf agrees" in again.comparison()
     assert "0.0 mV" in again.comparison()
     found, fit = again.agreement(0), result.sensors[0].fit
@@ -119,7 +124,7 @@ def test_simulated_run_is_not_compared_with_a_real_calibration(tmp_path, result)
     real = dataclasses.replace(result, simulated=False)
     for first, second in ((result, real), (real, result)):
         model_on(tmp_path, first).accept()
-        model = model_on(tmp_path, second)
+        model = model_on(tmp_path, dataclasses.replace(second, recording_id="another"))
         assert first is not result or model.before is None
         assert model.before is None or model.before.simulated is second.simulated
     assert len(units.load("SA1").history) == len(units.of(simulated=True).load("SA1").history) == 1

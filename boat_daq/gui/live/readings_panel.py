@@ -213,7 +213,7 @@ class ReadingBar(QFrame):
         self._fitted = asked
         for short in (self._narrow, True):
             self._short = short
-            self._show_unit()
+            self._ask()
             self.answer.invalidate()  # Qt tells only the outer layout
             self.lines.invalidate()
             if self.lines.minimumSize().width() <= self.width():

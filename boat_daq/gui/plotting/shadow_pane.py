@@ -177,9 +177,11 @@ class ShadowView(QWidget):
         painter.setPen(QColor(self.theme.muted))
         painter.setFont(self.small)
         below = bar.adjusted(0, bar.height(), 0, 4 * style.STEP)
-        sides = Qt.AlignmentFlag.AlignLeft, Qt.AlignmentFlag.AlignHCenter, Qt.AlignmentFlag.AlignRight
-        for side, text in zip(sides, self.scale_texts, strict=True):
-            painter.drawText(below, side, text)
+        low, name, high = self.scale_texts
+        painter.drawText(below, Qt.AlignmentFlag.AlignLeft, low)
+        painter.drawText(below, Qt.AlignmentFlag.AlignRight, high)
+        if style.text_width(self.small, name) + 2 * style.text_width(self.small, f"  {high}") < bar.width():
+            painter.drawText(below, Qt.AlignmentFlag.AlignHCenter, name)  # else the choice above names it
 
 
 def _polygon(points: NDArray[np.float64]) -> QPolygonF:

@@ -450,6 +450,9 @@ class CalibrationPage(QWidget):
         checks = self.model.check_lines()
         self.check_line.setVisible(bool(checks) and not self.model.working)
         self.to_check.setText("\n".join(checks))
+        every = " all" if len(self.model.to_check()) > 1 else ""
+        self.leave_out.setText(f"Leave out{every}")
+        self.confirm.setText(f"Confirm{every}")
         self.warnings_line.setVisible(bool(lines))
         self.warnings.setText("\n".join(lines))
         self.readings.setVisible(self.model.last_path is not None and self.model.last_path.suffix == ".boat")

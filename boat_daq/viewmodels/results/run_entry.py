@@ -75,7 +75,8 @@ class RunEntry:
         ]
         operator, lost = f"operator {s.operator}" if s.operator else "", f"{count(s.lost_samples, 'sample')} lost"
         lost = lost if s.missing.exact else f"at least {lost}"
-        length = f"{duration(s.duration_s)} long, {count(s.readings, 'reading')}"
+        cycles = count(s.cycles.complete, "cycle") + (f" + {s.cycles.partial} partial" if s.cycles.partial else "")
+        length = f"{duration(s.duration_s)} long, {cycles}, {count(s.readings, 'reading')}"
         parts = (self.path.name, length, *breaks, s.note, operator, s.stop_reason, lost, *s.missing.lines())
         return "\n".join(filter(None, parts))
 

@@ -33,6 +33,7 @@ def test_entries_show_what_each_recording_is(recording, tmp_path):
     assert "SIMULATED" in run.cells[1]
     assert run.cells[4].startswith("2")
     assert run.cells[5] == "37"
+    assert " long, 2 cycles" in run.tip  # also where the list has no room for the column
     assert len(run.outline) >= 2
     broken = tmp_path / "x.boat"
     broken.write_bytes(b"")

@@ -142,6 +142,13 @@ class Inverse:
         )
         return low, high
 
+    @property
+    def last_signals(self) -> tuple[float, float]:
+        """The lowest and the highest signal that a value is given for, mV."""
+        reach = BEYOND_SIGMA * self.known_u(self.x_range) + self.half_division_mm
+        low, high = np.sort(self.nodes[[0, -1]] + np.array([-1.0, 1.0]) * (1.0 - 1e-9) * reach * self.end_slopes)
+        return float(low), float(high)
+
     def standard_uncertainty(self, x: npt.ArrayLike) -> FloatArray:
         """Return u(x) of one new reading: noise, curve and reference, half of U where the curve misses; NaN unknown."""
         return np.full(np.shape(x), np.nan) if self.u_void else self.known_u(x)

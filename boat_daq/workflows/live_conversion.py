@@ -45,6 +45,7 @@ class LiveElongation:
 
     `beyond` marks values a little beyond its end, as `analysis.calibration.inverse` reads them; None marks none.
     `stand_in` is what U rests on besides the run of the calibration; "" where it rests on the run.
+    `last` has the last value that is read, and its U, where the signal is farther outside; NaN elsewhere.
     """
 
     mm: FloatArray
@@ -52,16 +53,15 @@ class LiveElongation:
     disagree: NDArray[np.bool_]
     beyond: NDArray[np.bool_] | None = None
     stand_in: str = ""
+    last: tuple[FloatArray, FloatArray] | None = None
 
-    def drawn(self, signal_mv: FloatArray) -> LiveElongation:
-        """Return values for a line through extremes: one alone outside the range, of noise at its end, is no hole."""
-        lone = np.zeros(self.mm.size, dtype=bool)
-        known = np.isfinite(self.mm)
-        lone[1:-1] = ~known[1:-1] & known[:-2] & known[2:] & np.isfinite(signal_mv[1:-1]).any(axis=1)
-        if not lone.any():
+    def drawn(self) -> LiveElongation:
+        """Return values for a line through extremes: one outside the range, beside one inside, is at its last value."""
+        if self.last is None:
             return self
-        at = np.arange(self.mm.size)
-        mm, expanded = (np.where(lone, np.interp(at, at[known], y[known]), y) for y in (self.mm, self.expanded_mm))
+        known = np.isfinite(self.mm)
+        beside = ~known & (np.append(False, known[:-1]) | np.append(known[1:], False))
+        mm, expanded = (np.where(beside, end, y) for end, y in zip(self.last, (self.mm, self.expanded_mm), strict=True))
         return replace(self, mm=mm, expanded_mm=expanded)
 
     def band(self, time_s: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -101,8 +101,12 @@ class Conversion:
     def __call__(self, signal_mv: FloatArray) -> LiveElongation:
         """Return the elongation of [n, sensors] signals, sensors fused."""
         found = self.fusion.evaluate(signal_mv)
-        expanded = 2.0 * found.standard_uncertainty_mm
-        return LiveElongation(found.elongation_mm, expanded, found.disagreement, found.beyond, self.stand_in)
+        expanded, last = 2.0 * found.standard_uncertainty_mm, None
+        if found.outside.any():
+            ends = np.transpose([inverse.last_signals for inverse in self.fusion.inverses])
+            end = self.fusion.evaluate(np.where(found.outside[..., None], np.clip(signal_mv, *ends), np.nan))
+            last = end.elongation_mm, 2.0 * end.standard_uncertainty_mm
+        return LiveElongation(found.elongation_mm, expanded, found.disagreement, found.beyond, self.stand_in, last)
 
     def each(self, signal_mv: FloatArray) -> FloatArray:
         """Return the elongation by each sensor, [n, sensors] mm; NaN farther beyond its range than is read."""

@@ -294,8 +294,7 @@ class LiveModel:
         return low + ahead, high + ahead
 
     def _picture(self, width: int, low_s: float, high_s: float, columns: Columns) -> PlotFrame:
-        measured = signals(columns)
-        elongation = self.inverse(measured).drawn(measured) if self.inverse is not None else None
+        elongation = self.inverse(signals(columns)).drawn() if self.inverse is not None else None
         predicted = self.prediction(columns[PRESSURE]) if self.prediction is not None else None
         if predicted is not None and predicted[0].shape[1] == len(sensor_names(columns)):
             away = {difference_of(q): columns[q] - predicted[0][:, i] for i, q in enumerate(sensor_names(columns))}

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from analysis.calibration.inverse import Fusion, Inverse
 from boat_daq.engine.display.ring_buffer import RingBuffer
 from boat_daq.viewmodels.live.live_model import HEADINGS_SHORT, STATISTICS_HEADINGS, LiveModel, with_holes
-from boat_daq.workflows.live_conversion import LiveElongation
+from boat_daq.workflows.live_conversion import Conversion, LiveElongation
 from protocol.base.units import NOTHING
 from protocol.recording import sample_dtype
 from tests.boat_daq.gui.recorded_session import connected, filled_ring, idle
@@ -188,23 +189,41 @@ def test_elongation_a_little_beyond_the_range_is_shown_and_marked(ring):
     assert (head.band, head.band_short) == ("\u00b10.10 at end", "\u00b10.10 end")
 
 
-def test_noise_at_the_end_of_the_range_breaks_no_line():
-    """Of all data thinned to extremes a plateau at the end of the range was no line; a hole of time stays one."""
+@pytest.mark.parametrize("window_s", [math.inf, 60.0])
+def test_hold_at_the_end_of_the_range_is_drawn_by_its_extremes(window_s):
+    """Thinned, half its samples outside, a hold was a comb; each column is as of the samples; a hole of time stays."""
     ring = RingBuffer(1, mv_per_count=1.0)
     samples = np.zeros(60_000, sample_dtype(1, "signal"))
     samples["time_us"] = np.arange(60_000) * 10_000 + (np.arange(60_000) >= 30_000) * 60_000_000
-    samples["signal_mv"] = 1000.0 + np.random.default_rng(3).normal(0.0, 3.0, (60_000, 1))
+    samples["signal_mv"] = 1400.0 + np.random.default_rng(3).normal(0.0, 3.0, (60_000, 1))
+    samples["signal_mv"][20_000:25_000] += 50.0  # all outside
     ring.append(samples)
+    u_mm, nodes = np.full(129, 0.03), np.linspace(800.0, 1400.0, 257)  # 1000 mV + 100 mV/mm, -2 mm to 4 mm
+    sensor = Inverse((-2.0, 4.0), np.array([-1.0, 1.0]), np.array([[1100.0, 300.0]]), nodes, u_mm, 0.0 * u_mm)
+    frame = LiveModel(lambda: ring, Conversion(Fusion((sensor,), np.eye(1))), window_s=window_s).frame(300)
+    time_s, mm, width_s = frame.columns["time_s"], frame.elongation.mm, (frame.high_s - frame.low_s) / 300
+    low, high = extremes_by_column(time_s, mm, width_s)
+    sample_s, raw = samples["time_us"] * 1e-6, (samples["signal_mv"][:, 0] - 1000.0) / 100.0
+    shown = sample_s >= frame.low_s
+    true_low, true_high = extremes_by_column(sample_s[shown], raw[shown], width_s)
+    known = {at for at, least in true_low.items() if least <= 4.06}  # two u beyond the end
+    off = known ^ {at for at, least in low.items() if np.isfinite(least)}
+    assert len(off) <= 4  # at the ends of the outside and of the hole
+    both = sorted(known - off)
+    assert np.mean([low[at] - true_low[at] for at in both]) == pytest.approx(0.0, abs=2e-3)
+    assert np.mean([high[at] - min(true_high[at], 4.06) for at in both]) == pytest.approx(0.0, abs=2e-3)
+    assert np.isnan(frame.columns["s1_mv"]).sum() == math.isinf(window_s)
 
-    def inverse(mv):
-        mm = np.where(mv[:, 0] > 1001.0, np.nan, mv[:, 0])
-        return LiveElongation(mm, np.full(len(mv), 0.1), np.zeros(len(mv), bool))
 
-    frame = LiveModel(lambda: ring, inverse, window_s=math.inf).frame(300)
-    (hole,) = np.flatnonzero(np.isnan(frame.columns["s1_mv"]))
-    missing = np.flatnonzero(np.isnan(frame.elongation.mm))
-    assert hole in missing  # beside it and at the end a point may be missing, too
-    assert all(abs(at - hole) <= 1 or at > frame.elongation.mm.size - 6 for at in missing)
+def extremes_by_column(time_s, values, width_s):
+    """Return the least and greatest value by column of pixels."""
+    column = np.floor(time_s / width_s).astype(int)
+    parts = {int(at): values[column == at] for at in np.unique(column)}
+    parts = {at: part[np.isfinite(part)] for at, part in parts.items()}
+    return (
+        {at: part.min() if part.size else math.nan for at, part in parts.items()},
+        {at: part.max() if part.size else math.nan for at, part in parts.items()},
+    )
 
 
 @pytest.mark.parametrize(("at_s", "expected"), [(10.0, 5.0), (30.02, 12.5), (60.0, None)])

@@ -42,6 +42,7 @@ class DefaultsTable(DataTable):
         self.explain({_HEADINGS.index("Of tol."): SHARE_TIP})
         self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.verticalHeader().setDefaultSectionSize(style.CONTROL_HEIGHT - style.GAP)
+        self.setAlternatingRowColors(True)  # its values are far from their names
 
     def show_defaults(self, defaults: list[Default]) -> None:
         self.fill([self._row(d) for d in defaults], [d.explanation for d in defaults])

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from functools import cached_property, partial
 
-from PySide6.QtCore import Qt
+from PySide6.QtCore import QSize, Qt
 from PySide6.QtGui import QFont, QFontMetrics, QResizeEvent, QShowEvent
 from PySide6.QtWidgets import QBoxLayout, QFrame, QGridLayout, QScrollArea, QTabWidget, QWidget
 
@@ -306,9 +306,11 @@ class LivePage(QWidget):
             self.reading.field.setFocus()
 
     def open_photograph(self) -> None:
-        """Show the panel for a photograph, nearly as large as the window: the grid is fine."""
+        """Show the panel for a photograph in the middle, nearly as large as the window, above the strip of messages."""
         if self.photograph.isHidden():
-            self.photograph.resize(self.window().size() * style.PANEL_SHARE)
+            size = self.window().size()
+            most = size.height() - 2 * (style.STRIP_HEIGHT + style.CONTROL_HEIGHT)  # with its title bar
+            self.photograph.resize((size * style.PANEL_SHARE).boundedTo(QSize(size.width(), most)))
         self.photograph.show()
         self.photograph.raise_()
 

@@ -48,6 +48,7 @@ def test_grid_lines_stay_visible_and_the_picture_moves(live):
     live.live.open_photograph()
     panel = live.live.photograph
     assert panel.width() >= 0.89 * live.width()
+    assert panel.height() + 2 * live.strip.height() < live.height()  # in the middle: the messages stay in sight
     picture = QImage(1600, 400, QImage.Format.Format_RGB32)
     picture.fill(Qt.GlobalColor.white)
     painter = QPainter(picture)

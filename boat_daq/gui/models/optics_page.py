@@ -268,7 +268,8 @@ class StripCard(PlotCard):
             return
         order, merit = s.strip()
         place, tied = np.arange(1.0, len(order) + 1.0), np.asarray(s.tied, dtype=bool)[order]
-        self.tied_band.fill(place[tied], np.zeros(int(tied.sum())), merit[tied])
+        edges = np.repeat(place, 2) + np.tile([-0.5, 0.5], len(place))  # no area of others between them
+        self.tied_band.fill(edges, np.zeros(len(edges)), np.repeat(np.where(tied, merit, 0.0), 2))
         for layer, chosen in (
             (self.tied, tied), (self.others, ~tied), (self.best, order == s.best), (self.paper, order == s.paper),
         ):  # fmt: skip

@@ -31,6 +31,7 @@ from protocol.base.arrays import FloatArray
 
 _BESIDE = 2  # curves in a row
 _MOST_LOOPS = 10  # that are drawn over each other: of more, one sensor would cover the other
+_ROUND_POINTS = 1.1  # height of the residuals: their largest is a whole circle
 VERDICT_EXAMPLE = "\u25b2 U = 0.13 mm (k = 2) from -2.5 to 4.0 mm; 1 reading to check"
 BANDS = "Uncertainty bands"
 BANDS_TIP = "Bands that include the grid of the readings, by sampling (emcee); takes a while, in the background"
@@ -102,7 +103,7 @@ class CurveCard(PlotCard):
         legend = f"bands 68 %, 95 % ({source})" if previous is None else "\u2504 previous"
         self.readout.setText(f"\u25cf loading \u25cb unloading  {legend}")
         self.top.fit()
-        largest = float(abs(shown.residuals).max(initial=0.0))
+        largest = _ROUND_POINTS * float(abs(shown.residuals).max(initial=0.0))
         self.bottom.fit(also_y=(-largest, largest))  # ticks on either side of zero
 
 

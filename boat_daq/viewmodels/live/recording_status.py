@@ -54,7 +54,10 @@ class RecordingStatus:
             tip = f"Record without a plan, into {self.folder}\n{self._preview()}"
             return RecordingText(tip=tip.rstrip(), button=RECORD if can else "")
         self._look(path)
-        short = f"\u25cf REC {duration(snapshot.recorded_s)}"
+        no_data = snapshot.link is not LinkState.UP
+        sign = "\u25b2" if no_data else "\u25cf"
+        least = f"{sign} REC {duration(snapshot.recorded_s)}"
+        short = f"{least}  no data" if no_data else least
         left = f"{size_text(self._left)} free"
         little = self._left < LITTLE_SPACE
         health = snapshot.health
@@ -67,13 +70,12 @@ class RecordingStatus:
         lag_ms = health.lag_ms if health is not None else 0.0
         if snapshot.saves_nothing:
             waits = f" {duration(lag_ms / 1e3)}" if lag_ms > _LOOK_S * 1e3 else ""
-            least = NOT_SAVING
-            text = least + waits
+            text = NOT_SAVING + waits
             tip = f"{sentence(snapshot.not_saving or 'the disk takes no data; they wait in memory')}\n{tip}"
-            return RecordingText(text, text, least, tip, "fault", button)
-        wrong = little or (health is not None and health.late)
+            return RecordingText(text, text, NOT_SAVING, tip, "fault", button)
+        wrong = little or no_data or (health is not None and health.late)
         state = "warning" if wrong else ""
-        return RecordingText(text, f"{short}   {left}" if little else short, short, tip, state, button)
+        return RecordingText(text, f"{short}   {left}" if little else short, least, tip, state, button)
 
     def _preview(self) -> str:
         """Return the name that a recording begun now would have, where the settings have a template of it."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -33,6 +34,8 @@ def test_size_is_that_of_the_file_and_its_log(tmp_path, monkeypatch):
     status, shown = status_of(tmp_path, lambda: clock[0], recording=path, recorded_s=754.0)
     text = status.text(shown)
     assert (text.text, text.short, text.state) == ("● REC 12:34   3.5 MB   41.6 GB free", "● REC 12:34", "")
+    lost = status.text(replace(shown, link=LinkState.LOST))  # it stood still, as if it went on
+    assert (lost.short, lost.least, lost.state) == ("▲ REC 12:34  no data", "▲ REC 12:34", "warning")
     assert text.tip.startswith(f"a.boat\nin {tmp_path} (click to open it)\n3.5 MB, 41.6 GB free, enough for 2489")
     path.write_bytes(bytes(3_500_000))
     assert "3.5 MB" in status.text(shown).text

@@ -110,6 +110,8 @@ def test_interrupted_run_shows_its_cause(live, state):
     live.model.session.marks = (StepMark(1, 2, "unloading", 40.0, 10.0, 0),)
     live.model.session.add_reading(1, 3.0, "typed")
     live.model.session.change(state=state, run_ended=RunEnding(RunEnd.FAULT, "the board was unplugged"), progress=None)
+    last = live.model.session.snapshot().last
+    live.model.session.change(last=dataclasses.replace(last, target_kpa=math.nan))  # nothing is held
     live.refresh()
     assert live.live.sequence.progress.text() == "the board was unplugged"
     assert (

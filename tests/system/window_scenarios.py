@@ -170,6 +170,7 @@ class Scenario:
         page = self.window.pages[Tab.CALIBRATION]
         QTest.qWait(300)
         if sampled:
+            self.until(page.sample.isEnabled, "the intervals", 90)
             page.sample.trigger()
             self.until(lambda: bool(model.calibration.posterior), "the posterior", 90)
             self.note("sampled")
@@ -358,7 +359,7 @@ def hundred_cycles(scenario: Scenario, speed: str = "100") -> None:
     board = RestartedBoard(scenario.folder, "pty", float(speed))
     window, model = scenario.window, scenario.window.model
     scenario.connect_to(board.port)
-    scenario.click(window.navigation.buttons[Page.RESULTS])
+    window.go(Tab.REPEATABILITY)
     scenario.click("Choose the plan")
     scenario.until(lambda: model.sequence.plan.name == "repeatability", "the plan")
     scenario.start_run()

@@ -139,10 +139,10 @@ class Header(QWidget):
         if others:
             self.vent_all.setToolTip(f"Vent the boards of all windows now (Shift+F4), too: {', '.join(others)}")
         text = link_text(snapshot)
-        words = text.word if not text.who else f"{text.who}  {text.word}"
+        words = "  ".join(filter(None, (text.who, f"{text.word}{text.doing}")))
         starting = "\u25d4  starting the virtual board \u2026"
         whole = starting if self.connection.starting else f"{text.shape}  {words}"
-        short = whole if self.connection.starting else f"{text.shape}  {text.word.partition(',')[0]}"
+        short = whole if self.connection.starting else f"{text.shape}  {text.word}"
         self._links = text.shape, short, whole
         controls.set_state(self.link, text.state)
         self.simulated.setVisible(snapshot.simulated)

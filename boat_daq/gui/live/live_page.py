@@ -420,7 +420,7 @@ class LivePage(QWidget):
                 self.guard.show(tab, name, partial(tab.refresh, snapshot))
 
     def _show_values(self, snapshot: SessionSnapshot) -> None:
-        """Show the values; of data that have ended none: what was is noted beside it where there is room."""
+        """Show the values; of data that have ended none: what was is noted beside it where it fits."""
         head, age, figures = self.model.headline(snapshot), age_text(snapshot), self.figures
         sensors = self.model.sensors() or _BESIDE
         if sensors != self.sensors:

@@ -53,6 +53,7 @@ class LinkText:
     state: str  # "ok", "warning", "fault", "off"
     shape: str
     word: str
+    doing: str  # what the program does about it
     who: str
     figures: tuple[tuple[str, str], ...]  # (text, state) of rate, lost, errors, lag
 
@@ -62,7 +63,7 @@ _LINK_TEXT = {
     LinkState.OPENING: ("warning", "\u25d4", "opening \u2026"),
     LinkState.UP: ("ok", "\u25cf", "connected"),
     LinkState.SILENT: ("warning", "\u25b2", "no data"),
-    LinkState.LOST: ("fault", "\u25a0", "disconnected, searching"),
+    LinkState.LOST: ("fault", "\u25a0", "disconnected"),
     LinkState.FAILED: ("fault", "\u25a0", "not connected"),
 }
 
@@ -71,7 +72,8 @@ def link_text(snapshot: SessionSnapshot) -> LinkText:
     """Return the link as the header shows it."""
     state, shape, word = _LINK_TEXT[snapshot.link]
     who = snapshot.hello.board_id if snapshot.hello else short_port(snapshot.port or "")
-    return LinkText(state, shape, word, who, _figures(snapshot))
+    doing = ", searching" if snapshot.link is LinkState.LOST else ""
+    return LinkText(state, shape, word, doing, who, _figures(snapshot))
 
 
 def short_port(port: str) -> str:
